@@ -1,6 +1,6 @@
 // Opens the reports of all jobs in a headless Chromium: see README.md.
 import assert from "node:assert/strict";
-import { execFileSync } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
@@ -125,5 +125,40 @@ for (const [path, name] of pages) {
     await page.close();
   }
 }
+
+// ---- the page of the server ----
+const server = spawn(planish, ["view", at("pebble.planish"), "--no-open"], { stdio: ["ignore", "ignore", "pipe"] });
+const ended = new Promise((resolve) => server.on("exit", resolve));
+const url = await new Promise((resolve, reject) => {
+  let text = "";
+  server.stderr.on("data", (part) => {
+    text += part;
+    const found = text.match(/http:\/\/\S+/);
+    if (found) resolve(found[0]);
+  });
+  ended.then(() => reject(new Error(`no address: ${text}`)));
+});
+const page = await browser.newPage();
+const wrong = [];
+page.on("console", (message) => wrong.push(message.text()));
+page.on("pageerror", (error) => wrong.push(error.message));
+page.on("request", (request) => request.url() === url || /^(data|blob):/.test(request.url()) || wrong.push(`asks for ${request.url()}`));
+assert.equal((await page.goto(url)).status(), 200);
+await page.waitForSelector("#view.drawn", { timeout: 20000 });
+assert.deepEqual(wrong, [], url);
+// Scripts that are not the page's own do not run: neither elements nor attributes.
+const injected = await page.evaluate(() => {
+  document.body.append(Object.assign(document.createElement("script"), { textContent: "window.injected = 1" }));
+  const button = document.createElement("button");
+  button.setAttribute("onclick", "window.injected = 2");
+  document.body.append(button);
+  button.click();
+  return window.injected;
+});
+assert.equal(injected, undefined);
+assert.equal((await page.goto(url.slice(0, -1))).status(), 404);
 await browser.close();
+server.kill("SIGINT");
+assert.equal(await ended, 0);
+console.log("The served page works, and runs no other scripts.");
 console.log("All is well.");

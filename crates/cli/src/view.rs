@@ -5,7 +5,7 @@ mod args;
 use crate::common::command_line;
 use crate::lines::Lines;
 use crate::numbers::{percent, significant};
-use crate::serve::Server;
+use crate::serve::{ServedPage, Server};
 use crate::summary::{self, Summary};
 pub use args::ViewArgs;
 use planish::Finding;
@@ -95,19 +95,24 @@ fn show(
     let url = server.url();
     // From here on, Ctrl-C is the normal end.
     progress.advance(SHOWING_STAGE, 1.0);
-    if !args.common.quiet {
+    let announce = |text: String| {
         // If stderr is closed, there is nowhere to report that.
-        let _ =
-            writeln!(std::io::stderr(), "planish: {url} shows {}; press Ctrl-C to stop", args.file.display());
+        let _ = writeln!(std::io::stderr(), "planish: {text}");
+    };
+    let address = || format!("{url} shows {}; press Ctrl-C to stop", args.file.display());
+    // Nobody can guess the address, so --quiet does not hide it unless a browser opens it.
+    if !args.common.quiet || args.no_open {
+        announce(address());
     }
-    if !args.no_open && open::that_detached(&url).is_err() && !args.common.quiet {
-        let _ = writeln!(
-            std::io::stderr(),
-            "planish: no browser could be started: open the address above in a browser"
-        );
+    if !args.no_open && open::that_detached(&url).is_err() {
+        if args.common.quiet {
+            announce(address());
+        }
+        announce("no browser could be started: open the address above in a browser".to_owned());
     }
     // The job's own interruption flag ends the server, so Ctrl-C works as for all commands.
-    let requests = server.serve(&made.html, || progress.interrupted())?;
+    let served = ServedPage { html: &made.html, policy: planish_report::content_policy() };
+    let requests = server.serve(&served, || progress.interrupted())?;
     Ok(page_summary(made, Some(url), requests, Lines::default(), Vec::new()))
 }
 

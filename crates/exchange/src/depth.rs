@@ -27,7 +27,34 @@ use crate::Unit;
 use crate::calibration::read_calibration;
 use crate::npy;
 use crate::points::{PointCollector, PointColumns, grid_without};
-use crate::source::{MAX_DEFLATE_RATIO, extension, open_file};
+use crate::source::{MAX_DEFLATE_RATIO, describe_extension, extension, open_file};
+
+/// Formats of depth images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Npy,
+    Png,
+    Tiff,
+}
+
+impl Format {
+    /// The format by the extension of a name.
+    ///
+    /// # Errors
+    /// `Unsupported` for other extensions.
+    fn of_name(path: &Path) -> Result<Self> {
+        match extension(path).as_str() {
+            "npy" => Ok(Self::Npy),
+            "png" => Ok(Self::Png),
+            "tif" | "tiff" => Ok(Self::Tiff),
+            _ => Err(Error::unsupported(format!(
+                "expected a depth image (png, tif, tiff, npy), found {}; other formats of scans hold points \
+                 and need no camera",
+                describe_extension(path)
+            ))),
+        }
+    }
+}
 
 /// A depth image: readings row by row from the top.
 struct Image {
@@ -41,10 +68,10 @@ struct Image {
 ///
 /// An NPY array of 16 columns or fewer may also hold points, so its shape and the calibration decide.
 pub(crate) fn is_depth_image(path: &Path) -> bool {
-    match extension(path).as_str() {
-        "png" | "tif" | "tiff" => true,
-        "npy" => default_calibration(path).is_file() && npy::is_image(path),
-        _ => false,
+    match Format::of_name(path) {
+        Ok(Format::Png | Format::Tiff) => true,
+        Ok(Format::Npy) => default_calibration(path).is_file() && npy::is_image(path),
+        Err(_) => false,
     }
 }
 
@@ -60,13 +87,16 @@ fn default_calibration(path: &Path) -> PathBuf {
 /// Returns the path of the calibration of an image: the given one, or the default beside the image.
 ///
 /// # Errors
-/// `Io` for a missing image; `Input` if neither exists.
+/// Without a given path: `Io` for a missing image, `Unsupported` for a file that is no depth image by its
+/// extension, and `Input` if there is no calibration.
 pub fn find_calibration(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_path_buf());
     }
-    // If the image is missing, too, its name is the mistake.
-    open_file(path).map_err(|e| e.in_context(path.display()))?;
+    // If the image is missing, too, its name is the mistake. Files that need no camera are refused before it
+    // is looked for.
+    let format = open_file(path).and_then(|_| Format::of_name(path));
+    format.map_err(|e| e.in_context(path.display()))?;
     let found = default_calibration(path);
     match found.is_file() {
         true => Ok(found),
@@ -131,24 +161,18 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
 }
 
 fn read_image(path: &Path) -> Result<Image> {
-    let image = match extension(path).as_str() {
-        "npy" => {
+    let image = match Format::of_name(path)? {
+        Format::Npy => {
             let (columns, rows, readings) = npy::read_image(path)?;
             Image { columns, rows, readings }
         }
-        "png" => {
+        Format::Png => {
             let (file, length) = open_file(path)?;
             read_png(BufReader::new(file), length)?
         }
-        "tif" | "tiff" => {
+        Format::Tiff => {
             let (file, length) = open_file(path)?;
             read_tiff(BufReader::new(file), length)?
-        }
-        other => {
-            return Err(Error::unsupported(format!(
-                "expected a depth image (png, tif, tiff, npy) for this calibration, found the extension \
-                 `{other}`"
-            )));
         }
     };
     // The caller divides by the number of columns, and its grid needs a reading for each cell.

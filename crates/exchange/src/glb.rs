@@ -8,9 +8,10 @@
 //!
 //! **Written files** hold one mesh with `float32` positions relative to its middle. The translation of the
 //! node is that middle, so that coordinates far from the origin lose no digits; the scale of the node
-//! converts the unit of the model to metres. `_SIGMA` is a length in the frame of the positions, before that
-//! scale. `COLOR_0` shows σ from dark violet (small) to yellow (large) on a logarithmic scale, and grey for
-//! unmeasured parts. The same input gives the same bytes.
+//! converts the unit of the model to metres. Models without a unit are in millimetres, as for all commands.
+//! `_SIGMA` is a length in the frame of the positions, before that scale. `COLOR_0` shows σ from dark violet
+//! (small) to yellow (large) on a logarithmic scale, and grey for unmeasured parts. The same input gives the
+//! same bytes.
 //!
 //! [`write_animation`] writes meshes that change in time as morph targets with an animation, [`write_posed`]
 //! textured meshes with poses.

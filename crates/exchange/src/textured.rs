@@ -128,6 +128,7 @@ mod tests {
                     uv: &split.uv,
                     sigma: &sigma,
                     picture: Some(picture),
+                    unit: Some(crate::Unit::Metre),
                     ..crate::glb::PosedMesh::default()
                 },
             )

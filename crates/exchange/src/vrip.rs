@@ -1,7 +1,7 @@
 //! VRIP `.conf`: a list of scans with their poses, as in the Stanford 3D Scanning Repository.
 //!
-//! **Input.** Lines `bmesh FILE tx ty tz qx qy qz qw`. Lines `camera …`, `#` comments and blank lines are
-//! ignored.
+//! **Input.** Lines `bmesh FILE tx ty tz qx qy qz qw`, or with `mesh` in place of `bmesh`. Lines `camera …`,
+//! `#` comments and blank lines are ignored.
 //!
 //! **Output.** The path of each file (relative paths start at the folder of the list) and its [`Pose`].
 //!
@@ -76,7 +76,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
             [] | ["camera", ..] => {}
             [first, ..] if first.starts_with('#') => {}
             // File names may contain blanks, so the numbers are the last seven words.
-            ["bmesh", _, .., _, _, _, _, _, _, _] => {
+            ["bmesh" | "mesh", _, .., _, _, _, _, _, _, _] => {
                 let (name, numbers) = words[1..].split_at(words.len() - 8);
                 let mut values = [0.0; 7];
                 for (value, word) in values.iter_mut().zip(numbers) {
@@ -108,9 +108,17 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                     words.len() - 1
                 )));
             }
+            // Older lists have other numbers after `mesh`, whose meaning is not documented.
+            ["mesh", ..] => {
+                return Err(Error::input(format!(
+                    "line {line}: expected `bmesh` or `mesh` with FILE tx ty tz qx qy qz qw, found {} words \
+                     after `mesh`",
+                    words.len() - 1
+                )));
+            }
             _ => {
                 return Err(Error::input(format!(
-                    "line {line}: expected `bmesh` or `camera`, found {}",
+                    "line {line}: expected `bmesh`, `mesh` or `camera`, found {}",
                     shown(text.as_bytes())
                 )));
             }
@@ -145,6 +153,24 @@ mod tests {
     }
 
     #[test]
+    fn mesh_lines_are_scans_like_bmesh_lines() {
+        let numbers = "10 20 30 0 0 0.6 0.8";
+        let list = |words: [&str; 2]| {
+            let text = words.map(|word| format!("{word} a {word}.ply {numbers}\n")).concat();
+            parse(&text, Path::new("d")).unwrap()
+        };
+        let scans = list(["mesh", "bmesh"]);
+        assert_eq!(
+            (&*scans[0].path, &*scans[1].path),
+            (Path::new("d/a mesh.ply"), Path::new("d/a bmesh.ply"))
+        );
+        assert_eq!(scans[0].world_from_scanner, scans[1].world_from_scanner);
+        assert!(message("mesh a.ply 1 2 3 90\n").contains("line 1: expected `bmesh` or `mesh` with FILE"));
+        assert!(message("mesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
+        assert!(message("meshes a.ply 0 0 0 0 0 0 1\n").contains("expected `bmesh`, `mesh` or `camera`"));
+    }
+
+    #[test]
     fn errors_name_the_line() {
         assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: expected a quaternion"));
         assert!(message("bmesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
@@ -169,7 +195,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_text_causes_a_panic(text in "(bmesh|camera|[a-z0-9 .\n-]){0,60}") {
+        fn no_text_causes_a_panic(text in "(bmesh|mesh|camera|[a-z0-9 .\n-]){0,60}") {
             let _ = parse(&text, Path::new("d"));
         }
     }

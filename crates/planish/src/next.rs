@@ -36,17 +36,20 @@ use std::sync::Arc;
 
 mod directions;
 mod findings;
+mod limits;
 pub(crate) mod page;
 mod random;
 mod sight;
 mod view_files;
 mod views;
 
+pub use limits::{MAX_POINTS, MAX_RANDOM_SETS, MAX_VIEWS};
 pub use random::RandomDraws;
 pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
 use directions::directions;
+use limits::{check_counts, check_view_count};
 use random::{InitialState, at_random};
 
 /// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per node,
@@ -74,7 +77,7 @@ pub enum Objective {
 /// Settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextOptions {
-    /// Maximum number of points.
+    /// Maximum number of points (up to [`MAX_POINTS`]) or poses (up to [`MAX_VIEWS`]).
     pub count: usize,
     /// σ of the readings along the normal, in the model's unit; that of the model's best sensor if none is
     /// given.
@@ -87,7 +90,7 @@ pub struct NextOptions {
     pub measured_only: bool,
     /// The quantity to minimise.
     pub objective: Objective,
-    /// Number of random sets of points that are evaluated for comparison.
+    /// Number of random sets of points that are evaluated for comparison (up to [`MAX_RANDOM_SETS`]).
     pub against_random: usize,
     /// Seed of these draws.
     pub seed: u64,
@@ -218,6 +221,7 @@ pub fn next_points(
     options: &NextOptions,
     progress: &dyn Progress,
 ) -> Result<NextReport> {
+    check_counts(options)?;
     let sigma = options.sigma.or_else(|| best_sigma(model)).ok_or_else(|| {
         Error::input(
             "expected σ of the planned readings, found none: the model has no sensor that measures \
@@ -417,6 +421,7 @@ impl Job for NextJob {
 
 /// Reads a saved model, chooses points, and writes them.
 fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport> {
+    check_counts(&job.options)?;
     progress.check("reading", 0.0)?;
     let model = load(&job.model)?;
     let options = NextOptions {

@@ -36,8 +36,10 @@ mod field;
 pub mod numbers;
 mod page;
 pub mod plot;
+mod policy;
 mod scene;
 
 pub use field::{Field, FieldKind, Values};
 pub use page::{Block, Figure, Page, Section, Table};
+pub use policy::content_policy;
 pub use scene::{Cloud, LineSet, Mark, Scene, SeenBy, SurfaceShown};

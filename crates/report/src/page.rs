@@ -1,5 +1,6 @@
 //! The parts of a page, and its HTML.
 
+use crate::policy::{ASSETS, content_policy};
 use crate::scene::Scene;
 use askama::Template;
 use planish_core::{Finding, FindingLevel};
@@ -170,9 +171,9 @@ struct Html<'a> {
     level: FindingLevel,
     findings: Vec<&'a Finding>,
     scene: Option<String>,
+    policy: &'static str,
     style: &'static str,
-    three: &'static str,
-    viewer: &'static str,
+    scripts: &'static [String],
 }
 
 impl Page {
@@ -198,11 +199,9 @@ impl Page {
             level: self.level(),
             findings,
             scene,
-            // Everything is in the file: a report is mailed, archived and opened without a network.
-            style: include_str!("../assets/page.css"),
-            // Minified and part of the sources, so that a build needs no Node (decision 0080).
-            three: include_str!("../assets/three.min.js"),
-            viewer: include_str!("../assets/viewer.js"),
+            policy: content_policy(),
+            style: &ASSETS.style,
+            scripts: &ASSETS.scripts,
         }
         .render()
     }
@@ -243,6 +242,39 @@ mod tests {
         let html = page.html().unwrap();
         assert!(!html.contains("<b>&") && !html.contains("ood <i>") && !html.contains("<script>alert"));
         assert_eq!(html.matches("<script").count(), html.matches("</script>").count());
+    }
+
+    #[test]
+    fn the_policy_permits_the_scripts_and_styles_of_the_page_only() {
+        let mut page = page();
+        page.scene = Some(Scene {
+            surfaces: vec![SurfaceShown {
+                positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+                triangles: vec![[0, 1, 2]],
+                ..SurfaceShown::default()
+            }],
+            ..Scene::default()
+        });
+        for html in [page.html().unwrap(), Page::default().html().unwrap()] {
+            let policy = html.split("Content-Security-Policy\" content=\"").nth(1).unwrap();
+            let policy = policy.split('"').next().unwrap();
+            assert_eq!(policy, content_policy());
+            // The text that a browser hashes: everything between the tags. Data are not run.
+            let inside = |element: &str| -> Vec<String> {
+                let [begin, end] = [format!("<{element}>"), format!("</{element}>")];
+                html.split(&begin).skip(1).map(|part| part.split(&end).next().unwrap().to_owned()).collect()
+            };
+            for text in inside("style").into_iter().chain(inside("script")) {
+                assert!(
+                    policy.contains(&crate::policy::hash_source(&text)),
+                    "{}",
+                    &text[..40.min(text.len())]
+                );
+            }
+            assert_eq!(html.matches("<script").count(), if html.contains("id=\"scene\"") { 3 } else { 0 });
+            assert_eq!(html.matches("<style").count(), 1);
+            assert!(html.find("Content-Security-Policy") < html.find("<style"));
+        }
     }
 
     #[test]

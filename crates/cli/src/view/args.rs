@@ -47,9 +47,9 @@ Examples:
   planish view examples/data/pebble/job.toml -o scans.png --color scan
   planish view part.planish
 
-Without -o, the browser shows an interactive page. The command serves it on this computer only, until \
-Ctrl-C. Rendering an image needs neither a window nor a graphics card. Colours are those of reports; a \
-legend names the quantity and its unit.";
+Without -o, the browser shows an interactive page. The command serves it on this computer only, at a \
+secret address, until Ctrl-C. Rendering an image needs neither a window nor a graphics card. Colours are \
+those of reports; a legend names the quantity and its unit.";
 
 /// Arguments of `planish view`.
 #[derive(Debug, Args)]

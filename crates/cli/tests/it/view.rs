@@ -4,6 +4,7 @@ use crate::support::{command, names, pebble, planish};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, Stdio};
 
 #[test]
@@ -69,66 +70,112 @@ fn unsupported_options_and_formats_are_rejected() {
     assert!(names(folder.path()).is_empty());
 }
 
-/// A process that is killed when the test ends.
-struct Served(Child);
+/// `planish view` of the pebble; it is killed when the test ends.
+struct Served {
+    process: Child,
+    /// Host and port.
+    address: String,
+    /// Path of the page, with the token.
+    path: String,
+}
 
 impl Drop for Served {
     fn drop(&mut self) {
         // The process may have ended already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.process.kill();
+        let _ = self.process.wait();
     }
 }
 
-/// The response of the server to a request.
-fn ask(address: &str, request: &str) -> String {
-    let mut stream = TcpStream::connect(address).expect("a server");
-    stream.write_all(request.as_bytes()).expect("a request");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("an answer");
-    answer
+impl Served {
+    fn start(folder: &Path) -> Self {
+        // Nobody can guess the address, so --no-open prints it even with --quiet.
+        let mut process = command(folder, &["view", &pebble("truth.ply"), "--no-open", "--quiet", "--json"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("planish runs");
+        let stderr = process.stderr.take().expect("stderr");
+        let mut served = Self { process, address: String::new(), path: String::new() };
+        let mut line = String::new();
+        BufReader::new(stderr).read_line(&mut line).expect("a line");
+        let url = line.split("http://").nth(1).and_then(|rest| rest.split(' ').next()).expect("an address");
+        let (address, path) = url.split_once('/').expect("a path");
+        served.address = address.to_owned();
+        served.path = format!("/{path}");
+        served
+    }
+
+    fn connect(&self) -> TcpStream {
+        TcpStream::connect(&self.address).expect("a server")
+    }
+
+    /// The response to a request for a path.
+    fn ask(&self, path: &str, host: &str) -> String {
+        let mut stream = self.connect();
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n");
+        stream.write_all(request.as_bytes()).expect("a request");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("an answer");
+        answer
+    }
 }
 
 #[test]
 fn page_is_served_locally_until_ctrl_c() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut child = command(folder.path(), &["view", &pebble("truth.ply"), "--no-open", "--json"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("planish runs");
-    let stderr = child.stderr.take().expect("stderr");
-    let mut served = Served(child);
-    let mut line = String::new();
-    BufReader::new(stderr).read_line(&mut line).expect("a line");
-    let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next()).expect("an address");
-    assert!(address.starts_with("127.0.0.1:"), "{line}");
-    let page = ask(address, &format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n"));
+    let mut served = Served::start(folder.path());
+    let address = served.address.clone();
+    assert!(address.starts_with("127.0.0.1:"), "{address}");
+    let page = served.ask(&served.path, &address);
     assert!(page.starts_with("HTTP/1.1 200 OK\r\n") && page.contains("A mesh of 5120 triangles"));
     let length =
         page.split("Content-Length: ").nth(1).and_then(|rest| rest.split('\r').next()).expect("a length");
-    let body = page.split_once("\r\n\r\n").expect("a body").1;
+    let (header, body) = page.split_once("\r\n\r\n").expect("a body");
     assert_eq!(body.len().to_string(), length);
-    assert!(
-        ask(address, &format!("GET /other HTTP/1.1\r\nHost: {address}\r\n\r\n")).starts_with("HTTP/1.1 404")
-    );
+    // The policy of the server is that of the page, which also protects a page that is opened as a file.
+    let policy = header.split("Content-Security-Policy: ").nth(1).expect("a policy");
+    let policy = policy.split("; frame-ancestors 'none'").next().expect("a policy");
+    assert!(policy.contains("script-src 'sha256-") && !policy.contains("unsafe"), "{policy}");
+    assert!(body.contains(&format!("content=\"{policy}\"")), "{policy}");
+    // Other users of this computer do not know the token.
+    for path in ["/", "/other", "/0123456789abcdef0123456789abcdef"] {
+        assert!(served.ask(path, &address).starts_with("HTTP/1.1 404"), "{path}");
+    }
     // A web site that points its own name at this address gets no data.
-    assert!(ask(address, "GET / HTTP/1.1\r\nHost: elsewhere.example\r\n\r\n").starts_with("HTTP/1.1 403"));
+    assert!(served.ask(&served.path, "elsewhere.example").starts_with("HTTP/1.1 403"));
     #[cfg(unix)]
     {
+        // A connection without a request does not delay the end.
+        let _idle = served.connect();
         let stopped = std::process::Command::new("kill")
-            .args(["-INT", &served.0.id().to_string()])
+            .args(["-INT", &served.process.id().to_string()])
             .status()
             .expect("kill runs");
         assert!(stopped.success());
         let mut result = String::new();
-        let mut stdout = served.0.stdout.take().expect("stdout");
+        let mut stdout = served.process.stdout.take().expect("stdout");
         stdout.read_to_string(&mut result).expect("a summary");
-        assert!(served.0.wait().expect("an end").success());
+        assert!(served.process.wait().expect("an end").success());
         let result: Value = serde_json::from_str(&result).expect("JSON");
         assert_eq!(result["requests"], 1);
+        assert_eq!(result["address"], format!("http://{address}{}", served.path));
         assert!(TcpStream::connect(address).is_err(), "the server is gone");
     }
+}
+
+#[test]
+fn every_run_has_another_address_and_idle_connections_delay_nobody() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [first, second] = [(); 2].map(|()| Served::start(folder.path()));
+    assert_ne!(first.path, second.path);
+    assert!(second.ask(&first.path, &second.address).starts_with("HTTP/1.1 404"));
+    // More silent clients than the server has places. One at a time, each would delay the page by seconds.
+    let idle: Vec<TcpStream> = (0..100).map(|_| first.connect()).collect();
+    for _ in 0..20 {
+        assert!(first.ask(&first.path, &first.address).starts_with("HTTP/1.1 200"));
+    }
+    drop(idle);
 }
 
 #[test]

@@ -101,6 +101,27 @@ fn the_calibration_may_be_beside_the_image() {
     assert!(e.contains("expected a depth image") && e.contains("`xyz`"), "{e}");
 }
 
+#[test]
+fn files_of_points_are_refused_before_a_camera_is_looked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["x.pcd", "x.ply", "x.XYZ", "x.las", "x.jpg", "x"] {
+        let path = folder.path().join(name);
+        let missing = find_calibration(&path, None).unwrap_err();
+        assert_eq!(missing.kind(), ErrorKind::Io, "{missing}");
+        std::fs::write(&path, "1 2 3\n").unwrap();
+        std::fs::write(folder.path().join("camera.toml"), CAMERA).unwrap();
+        let with_camera = read_depth(&path, &folder.path().join("camera.toml")).map(|_| ());
+        for error in [find_calibration(&path, None).map(|_| ()), with_camera].map(Result::unwrap_err) {
+            let text = error.to_string();
+            assert_eq!(error.kind(), ErrorKind::Unsupported, "{text}");
+            assert!(
+                text.contains(name) && text.contains("expected a depth image") && !text.contains("fx"),
+                "{text}"
+            );
+        }
+    }
+}
+
 fn image(name: &str, bytes: &[u8]) -> Result<Image> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);

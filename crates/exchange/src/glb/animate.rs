@@ -6,7 +6,7 @@
 //! **Limits.** Viewers need not animate colours: glTF 2.0 allows morph targets of `COLOR_0` (section
 //! 3.7.2.2), but does not require viewers to support them.
 
-use super::write::{ATTRIBUTES, Head, INDICES, Sections};
+use super::write::{ATTRIBUTES, DEFAULT_UNIT, Head, INDICES, Sections, check_floats, node};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
@@ -34,7 +34,7 @@ pub struct MeshFrame {
 type Column = Vec<[f32; 3]>;
 
 /// Writes frames with common triangles as one animated mesh, one frame per `seconds_per_frame`. Without a
-/// unit, lengths are metres.
+/// unit, lengths are millimetres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners
@@ -45,6 +45,7 @@ type Column = Vec<[f32; 3]>;
 /// # Examples
 /// ```
 /// use planish_core::DVec3;
+/// use planish_exchange::Unit;
 /// use planish_exchange::glb::{MeshFrame, write_animation};
 /// # let folder = tempfile::tempdir()?;
 /// let frame = |height: f64| MeshFrame {
@@ -54,7 +55,7 @@ type Column = Vec<[f32; 3]>;
 ///     colours: vec![[0.5; 3]; 3],
 /// };
 /// let path = folder.path().join("rise.glb");
-/// write_animation(&path, &[frame(0.0), frame(1.0)], &[[0, 1, 2]], None, 0.5)?;
+/// write_animation(&path, &[frame(0.0), frame(1.0)], &[[0, 1, 2]], Some(Unit::Metre), 0.5)?;
 /// // Readers that ignore animations see the last frame.
 /// assert_eq!(planish_exchange::glb::read_mesh(&path)?.points[0], DVec3::Z);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -118,8 +119,9 @@ impl Animation {
             columns.push(differences(as_arrays(&last.normals), as_arrays(&frame.normals)));
             columns.push(differences(&last.colours, &frame.colours));
         }
-        if columns.iter().flatten().flatten().any(|c| !c.is_finite()) {
-            return Err(Error::input("expected finite coordinates in the range of float32"));
+        for (column, what) in columns.iter().zip(["the position", "the normal", "the colour"].iter().cycle())
+        {
+            check_floats(what, column)?;
         }
         let targets = earlier.len();
         let times: Vec<f32> = (0..frames.len()).map(|k| (seconds * k as f64) as f32).collect();
@@ -144,20 +146,19 @@ impl Animation {
         let end = json!({"min": [times[0]], "max": [times[times.len() - 1]]});
         let input = sections.add(times.len(), 4, None, FLOAT, "SCALAR", end);
         let output = sections.add(weights.len(), 4, None, FLOAT, "SCALAR", json!({}));
-        let scale = unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
         let names: Vec<&str> = earlier.iter().map(|frame| frame.name.as_str()).collect();
         let document = json!({
             "asset": {"version": "2.0", "generator": "Planish"},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0, "translation": centre.map(|c| c * scale), "scale": [scale, scale, scale]}],
+            "nodes": [node(centre, unit)?],
             "meshes": [{
                 "primitives": [{
                     "attributes": attributes[0], "targets": attributes[1..], "indices": indices,
                     "mode": TRIANGLES, "material": 0,
                 }],
                 "weights": vec![0.0; targets],
-                "extras": {"targetNames": names, "unit": unit.unwrap_or(Unit::Metre).name()},
+                "extras": {"targetNames": names, "unit": unit.unwrap_or(DEFAULT_UNIT).name()},
             }],
             "materials": [{
                 "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.7},

@@ -5,7 +5,7 @@
 //!
 //! **Limits.** Targets that are applied together add up, which need not give a plausible shape.
 
-use super::write::{ATTRIBUTES, Head, INDICES, Sections};
+use super::write::{ATTRIBUTES, DEFAULT_UNIT, Head, INDICES, Sections, check_floats, node};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
@@ -58,7 +58,7 @@ pub struct PosedMesh<'a> {
     pub targets: &'a [MorphTarget],
     /// Keyframes in order of time; empty for no animation.
     pub keyframes: &'a [Keyframe],
-    /// Unit of length; none means metres.
+    /// Unit of length; none means millimetres.
     pub unit: Option<Unit>,
 }
 
@@ -66,13 +66,15 @@ pub struct PosedMesh<'a> {
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points,
-/// keyframes that are not in order of time or have another number of weights than targets, and a picture that
-/// is neither PNG nor JPEG; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
+/// keyframes that are not in order of time or have another number of weights than targets, numbers beyond the
+/// range of `float32`, and a picture that is neither PNG nor JPEG;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 ///
 /// # Examples
 /// ```
 /// use planish_core::DVec3;
+/// use planish_exchange::Unit;
 /// use planish_exchange::glb::{PosedMesh, read_mesh, write_posed};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sheet.glb");
@@ -81,6 +83,7 @@ pub struct PosedMesh<'a> {
 ///     normals: &[DVec3::Z; 3],
 ///     triangles: &[[0, 1, 2]],
 ///     sigma: &[0.5, 0.5, 0.25],
+///     unit: Some(Unit::Metre),
 ///     ..PosedMesh::default()
 /// })?;
 /// assert_eq!(read_mesh(&path)?.column("sigma"), Some(&[0.5, 0.5, 0.25][..]));
@@ -113,12 +116,13 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     if mesh.triangles.iter().flatten().any(|&corner| corner as usize >= n) {
         return Err(Error::input(format!("expected corners below {n}, the number of points, found another")));
     }
-    let mut last = f64::NEG_INFINITY;
+    let mut last = f32::NEG_INFINITY;
     for (k, frame) in mesh.keyframes.iter().enumerate() {
-        // glTF requires times that increase strictly.
-        let later = frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > last;
-        let weights =
-            frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
+        // glTF requires times that increase strictly, and stores them in single precision.
+        let seconds = frame.seconds as f32;
+        let later = seconds.is_finite() && frame.seconds >= 0.0 && seconds > last;
+        let weights = frame.weights.len() == mesh.targets.len()
+            && frame.weights.iter().all(|w| (*w as f32).is_finite());
         if !(later && weights) {
             return Err(Error::input(format!(
                 "keyframe {}: expected a time after {last} s and {} weights, found {} s and {}",
@@ -128,7 +132,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
                 frame.weights.len()
             )));
         }
-        last = frame.seconds;
+        last = seconds;
     }
     match mesh.picture {
         None => Ok(None),
@@ -172,30 +176,34 @@ fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
     json!({"min": pick(f32::min), "max": pick(f32::max)})
 }
 
-fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
-    let single = |p: &[f64; 3]| p.map(|x| x as f32);
-    // The middle of the bounds, unlike the mean, minimises the largest coordinate and so its rounding.
-    let low = mesh.points.iter().fold(DVec3::MAX, |m, p| m.min(*p));
-    let high = mesh.points.iter().fold(DVec3::MIN, |m, p| m.max(*p));
-    let center = low + 0.5 * (high - low);
-    let mut chunk = Chunk::default();
-    // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
-    // origin.
-    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single((*p - center).as_ref())).collect();
+fn single(p: &[f64; 3]) -> [f32; 3] {
+    p.map(|x| x as f32)
+}
+
+/// Appends the columns of the mesh at rest; returns their accessors by name.
+fn attributes(
+    chunk: &mut Chunk,
+    mesh: &PosedMesh<'_>,
+    points: &[[f32; 3]],
+) -> Result<serde_json::Map<String, Value>> {
     let normals: Vec<[f32; 3]> = as_arrays(mesh.normals).iter().map(single).collect();
+    check_floats("the position", points)?;
+    check_floats("the normal", &normals)?;
     let mut attributes = serde_json::Map::new();
-    let at = chunk.floats(&points, Some(ATTRIBUTES), extremes(&points));
+    let at = chunk.floats(points, Some(ATTRIBUTES), extremes(points));
     attributes.insert("POSITION".to_owned(), json!(at));
     let at = chunk.floats(&normals, Some(ATTRIBUTES), json!({}));
     attributes.insert("NORMAL".to_owned(), json!(at));
     if !mesh.uv.is_empty() {
         // The origin of glTF texture coordinates is the upper left corner.
         let uv: Vec<[f32; 2]> = mesh.uv.iter().map(|[u, v]| [*u as f32, (1.0 - v) as f32]).collect();
+        check_floats("the texture coordinates", &uv)?;
         let at = chunk.floats(&uv, Some(ATTRIBUTES), json!({}));
         attributes.insert("TEXCOORD_0".to_owned(), json!(at));
     }
     if !mesh.colours.is_empty() {
         let colours: Vec<[f32; 3]> = mesh.colours.iter().map(single).collect();
+        check_floats("the colour", &colours)?;
         let at = chunk.floats(&colours, Some(ATTRIBUTES), json!({}));
         attributes.insert("COLOR_0".to_owned(), json!(at));
     }
@@ -208,6 +216,11 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
             attributes.insert(name.to_owned(), json!(at));
         }
     }
+    Ok(attributes)
+}
+
+/// Appends the poses; returns the accessors of each.
+fn targets(chunk: &mut Chunk, mesh: &PosedMesh<'_>) -> Result<Vec<Value>> {
     let mut targets = Vec::new();
     for target in mesh.targets {
         // glTF morph targets are differences from the mesh at rest.
@@ -216,19 +229,34 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         };
         let moved = difference(&target.points, mesh.points);
         let turned = difference(&target.normals, mesh.normals);
+        check_floats(&format!("pose `{}`: the displacement", target.name), &moved)?;
+        check_floats(&format!("pose `{}`: the normal", target.name), &turned)?;
         let position = chunk.floats(&moved, Some(ATTRIBUTES), extremes(&moved));
         let normal = chunk.floats(&turned, Some(ATTRIBUTES), json!({}));
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
+    Ok(targets)
+}
+
+fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
+    // The middle of the bounds, unlike the mean, minimises the largest coordinate and so its rounding.
+    let low = mesh.points.iter().fold(DVec3::MAX, |m, p| m.min(*p));
+    let high = mesh.points.iter().fold(DVec3::MIN, |m, p| m.max(*p));
+    let center = low + 0.5 * (high - low);
+    let mut chunk = Chunk::default();
+    // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
+    // origin.
+    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single((*p - center).as_ref())).collect();
+    let attributes = attributes(&mut chunk, mesh, &points)?;
+    let targets = targets(&mut chunk, mesh)?;
     chunk.bytes.extend(mesh.triangles.iter().flatten().flat_map(|corner| corner.to_le_bytes()));
     let indices =
         (chunk.sections).add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
-    let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
     let names: Vec<&str> = mesh.targets.iter().map(|target| target.name.as_str()).collect();
     let mut primitive =
         json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
     let mut shape =
-        json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(Unit::Metre).name()}});
+        json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(DEFAULT_UNIT).name()}});
     if !targets.is_empty() {
         primitive["targets"] = json!(targets);
         shape["weights"] = json!(vec![0.0; targets.len()]);
@@ -239,7 +267,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         "asset": {"version": "2.0", "generator": "Planish"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "translation": center.map(|c| c * scale), "scale": [scale, scale, scale]}],
+        "nodes": [node(center, mesh.unit)?],
         "meshes": [shape],
     });
     if let Some((bytes, kind)) = mesh.picture.zip(picture_kind) {
@@ -345,6 +373,65 @@ mod tests {
         assert_eq!(f32::from_le_bytes(uv[20..24].try_into().unwrap()), 0.75);
         let times = accessor(&document["animations"][0]["samplers"][0]["input"]);
         assert_eq!((&times["min"][0], &times["max"][0]), (&json!(0.0), &json!(1.5)));
+    }
+
+    /// A mesh without a unit is in millimetres, like every other file of such a mesh.
+    #[test]
+    fn lengths_without_a_unit_are_millimetres() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        let mesh =
+            PosedMesh { points: &POINTS, normals: &NORMALS, triangles: &[[0, 1, 2]], ..PosedMesh::default() };
+        write_posed(&path, &mesh).unwrap();
+        let read = super::super::read_mesh(&path).unwrap();
+        assert!((read.points[1][0] - 0.011).abs() < 1e-9, "{:?}", read.points);
+    }
+
+    #[test]
+    fn numbers_beyond_single_precision_are_rejected_with_their_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.glb");
+        let mesh =
+            PosedMesh { points: &POINTS, normals: &NORMALS, triangles: &[[0, 1, 2]], ..PosedMesh::default() };
+        let message = |mesh: &PosedMesh<'_>| {
+            let error = write_posed(&path, mesh).unwrap_err().to_string();
+            assert!(!path.exists(), "{error}");
+            error
+        };
+        for wrong in [1e39, 1e300, f64::MAX, f64::INFINITY, f64::NAN] {
+            let mut points = POINTS;
+            points[1].y = wrong;
+            let error = message(&PosedMesh { points: &points, ..mesh.clone() });
+            assert!(error.contains("the position of vertex") && error.contains("float32"), "{error}");
+            let moved =
+                MorphTarget { name: "far".to_owned(), points: points.to_vec(), normals: NORMALS.to_vec() };
+            let error = message(&PosedMesh { targets: &[moved], ..mesh.clone() });
+            assert!(error.contains("pose `far`: the displacement of vertex 2"), "{error}");
+            let normals = [DVec3::Z, DVec3::Z, DVec3::splat(wrong)];
+            let turned =
+                MorphTarget { name: "far".to_owned(), points: POINTS.to_vec(), normals: normals.to_vec() };
+            let error = message(&PosedMesh { targets: &[turned], ..mesh.clone() });
+            assert!(error.contains("pose `far`: the normal of vertex 3"), "{error}");
+            let error = message(&PosedMesh { uv: &[[0.0; 2], [0.0; 2], [wrong, 0.0]], ..mesh.clone() });
+            assert!(error.contains("the texture coordinates of vertex 3"), "{error}");
+            let up =
+                MorphTarget { name: "up".to_owned(), points: POINTS.to_vec(), normals: NORMALS.to_vec() };
+            for frame in [
+                Keyframe { seconds: wrong, weights: vec![0.0] },
+                Keyframe { seconds: 1.0, weights: vec![wrong] },
+            ] {
+                let keyframes = [Keyframe { seconds: 0.0, weights: vec![0.0] }, frame];
+                let targets = [up.clone()];
+                let error = message(&PosedMesh { targets: &targets, keyframes: &keyframes, ..mesh.clone() });
+                assert!(error.contains("keyframe 2"), "{error}");
+            }
+        }
+        // All positions are near each other, but the translation of the node is too large.
+        let far = POINTS.map(|p| p + DVec3::splat(1e300));
+        assert!(message(&PosedMesh { points: &far, ..mesh.clone() }).contains("the middle of the mesh"));
+        // Equal in single precision.
+        let keyframes = [1.0, 1.0 + 1e-9].map(|seconds| Keyframe { seconds, weights: Vec::new() });
+        assert!(message(&PosedMesh { keyframes: &keyframes, ..mesh }).contains("keyframe 2"));
     }
 
     #[test]

@@ -25,7 +25,7 @@ const RAMP: [DVec3; 5] = [
 const GREY: DVec3 = DVec3::new(0.3, 0.3, 0.3);
 
 /// Writes a mesh with its normals, the columns `sigma` and `observed`, and colours that show them. Other
-/// columns are not written. Without a unit, lengths are metres.
+/// columns are not written. Without a unit, lengths are millimetres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, or
@@ -133,6 +133,34 @@ impl Sections {
     }
 }
 
+/// Unit of models that state none, as for all commands.
+pub(super) const DEFAULT_UNIT: Unit = Unit::Millimetre;
+
+/// The node of a mesh in `unit` whose positions are relative to `center`: converts them to metres.
+///
+/// # Errors
+/// `Input` if the centre is beyond the range of `float32`, which readers of glTF use for transforms.
+pub(super) fn node(center: DVec3, unit: Option<Unit>) -> Result<Value> {
+    let scale = unit.unwrap_or(DEFAULT_UNIT).millimetres() / 1000.0;
+    let translation = (center * scale).to_array();
+    check_floats("the middle of the mesh", &[translation.map(|c| c as f32)])?;
+    Ok(json!({"mesh": 0, "translation": translation, "scale": [scale, scale, scale]}))
+}
+
+/// Refuses numbers that became infinite in `float32`, or were not finite before (glTF 2.0, section 3.6.2.2).
+///
+/// # Errors
+/// `Input` with the index of the first such element, counted from 1.
+pub(super) fn check_floats<const N: usize>(what: &str, values: &[[f32; N]]) -> Result<()> {
+    match values.iter().position(|value| value.iter().any(|number| !number.is_finite())) {
+        None => Ok(()),
+        Some(at) => Err(Error::input(format!(
+            "{what}{}: expected finite numbers in the range of float32 (up to 3.4e38), found another",
+            if values.len() > 1 { format!(" of vertex {}", at + 1) } else { String::new() }
+        ))),
+    }
+}
+
 /// Targets of buffer views: vertex attributes and indices.
 pub(super) const ATTRIBUTES: u64 = 34962;
 pub(super) const INDICES: u64 = 34963;
@@ -159,9 +187,8 @@ impl Layout {
         let center = low + 0.5 * (high - low);
         // Rounding to `f32` is monotonic, so the rounded bounds are the bounds of the rounded positions.
         let bounds = json!({"min": local(low, center), "max": local(high, center)});
-        if local(low, center).iter().chain(&local(high, center)).any(|c| !c.is_finite()) {
-            return Err(Error::input("expected finite coordinates in the range of float32"));
-        }
+        let positions: Vec<[f32; 3]> = mesh.points.iter().map(|point| local(*point, center)).collect();
+        check_floats("the position", &positions)?;
         let n = mesh.points.len();
         // One section per column in the order in which `write_to` writes them, which alone defines their
         // offsets.
@@ -185,13 +212,12 @@ impl Layout {
             }
         }
         let indices = sections.add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
-        let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
-        let unit = mesh.unit.unwrap_or(Unit::Metre).name();
+        let unit = mesh.unit.unwrap_or(DEFAULT_UNIT).name();
         let document = json!({
             "asset": {"version": "2.0", "generator": "Planish"},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0, "translation": center.map(|c| c * scale), "scale": [scale, scale, scale]}],
+            "nodes": [node(center, mesh.unit)?],
             "meshes": [{
                 "primitives": [{
                     "attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0,

@@ -4,16 +4,19 @@
 //! 1, 2, 3 … points of every draw. Points are leaf centres, drawn with replacement in proportion to area.
 
 use super::{NextOptions, Place, columns, figures};
-use planish_core::{Progress, ProgressPart};
-use planish_estimate::Result;
+use planish_core::{Progress, ProgressPart, Setting};
 use planish_estimate::sparse::CholeskyFactor;
+use planish_estimate::{Error, Result};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Number of draws that are processed together. Limits memory: each keeps columns for all places.
+/// Maximum number of draws that are processed together.
 const DRAWS_PER_BATCH: usize = 8;
+/// Memory for the columns of all points of the draws that are processed together, in numbers (400 MB). A
+/// column has one number per place.
+const DRAWN_NUMBERS: usize = 50_000_000;
 
 /// Result of points drawn at random: one number for each count of points, starting with one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -49,6 +52,17 @@ pub(super) fn at_random(
     progress: &dyn Progress,
 ) -> Result<RandomDraws> {
     let InitialState { factor, nodes, places, .. } = before;
+    let most = DRAWN_NUMBERS / places.len().max(1);
+    if options.count > most {
+        let error = format!(
+            "expected at most {most} points to compare with random sets, because the region has {} places, \
+             found {}",
+            places.len(),
+            options.count
+        );
+        return Err(Error::input(error).with_setting(Setting::Count));
+    }
+    let per_batch = (most / options.count.max(1)).clamp(1, DRAWS_PER_BATCH);
     let mut sums: Vec<f64> = Vec::with_capacity(places.len());
     for place in places {
         sums.push(sums.last().copied().unwrap_or(0.0) + place.area);
@@ -68,10 +82,10 @@ pub(super) fn at_random(
     };
     let part = ProgressPart::new(progress, 0.15, 0.2);
     let mut worst: Vec<Vec<f64>> = Vec::with_capacity(draws);
-    for first in (0..draws).step_by(DRAWS_PER_BATCH) {
+    for first in (0..draws).step_by(per_batch) {
         part.check("random draws", first as f64 / draws as f64)?;
         part.items(first, "draws");
-        let together: Vec<usize> = (first..draws.min(first + DRAWS_PER_BATCH)).collect();
+        let together: Vec<usize> = (first..draws.min(first + per_batch)).collect();
         let judged: Vec<Vec<f64>> = together
             .into_par_iter()
             .map(|draw| {

@@ -288,3 +288,26 @@ fn random_draws_match_their_readings() {
     );
     assert!((report.points[5].worst_sigma_after / report.worst_sigma.after - 1.0).abs() < 1e-12);
 }
+
+#[test]
+fn numbers_of_points_that_take_hours_are_refused_at_once() {
+    let model = model();
+    let message = |count: usize, against_random: usize| {
+        let options = NextOptions { count, sigma: Some(0.004), against_random, ..NextOptions::default() };
+        let points = next_points(&model, &options, &Silent).map(|report| report.points.len());
+        points.unwrap_err().to_string()
+    };
+    for count in [MAX_POINTS + 1, 1_000_000_000, usize::MAX] {
+        assert_eq!(message(count, 0), format!("expected at most 10000 points to plan, found {count}"));
+        assert_eq!(message(count, 3), format!("expected at most 10000 points to plan, found {count}"));
+        assert!(
+            message(1, count)
+                .contains(&format!("expected at most 10000 random sets of points, found {count}"))
+        );
+        let options = NextOptions { count, ..NextOptions::default() };
+        let error = next_views(&model, &camera(), &options, &Silent).unwrap_err().to_string();
+        assert_eq!(error, format!("expected at most 1000 poses to plan, found {count}"));
+        let job = NextJob { options: options.clone(), model: "gone.planish".into(), ..NextJob::default() };
+        assert!(job.run(&Silent).unwrap_err().to_string().contains("expected at most"));
+    }
+}

@@ -2,7 +2,7 @@
 
 use super::findings::judge_views;
 use super::page::views_page;
-use super::{NextOptions, NextView, ViewsReport, next_views};
+use super::{NextOptions, NextView, ViewsReport, check_view_count, next_views};
 use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
@@ -73,6 +73,7 @@ impl Job for NextViewsJob {
 
 /// Reads a saved model and a sensor, chooses poses, and writes them.
 fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViewsJobReport> {
+    check_view_count(&job.options)?;
     progress.check("reading", 0.0)?;
     // The sensor first: its file is small, and an error in it needs no model.
     let known = read_view_sensor(&job.sensor)?;

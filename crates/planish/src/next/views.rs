@@ -14,8 +14,8 @@
 
 use super::sight::Sight;
 use super::{
-    Change, NextOptions, Objective, Place, Prepared, UnmeasurableSigma, check_lengths, chosen, columns, cost,
-    figures, variances_of,
+    Change, NextOptions, Objective, Place, Prepared, UnmeasurableSigma, check_lengths, check_view_count,
+    chosen, columns, cost, figures, variances_of,
 };
 use nalgebra::{Cholesky, DMatrix};
 use planish_core::{DVec3, Progress, Silent};
@@ -103,6 +103,7 @@ pub fn next_views(
     progress: &dyn Progress,
 ) -> Result<ViewsReport> {
     sensor.sanity_check()?;
+    check_view_count(options)?;
     check_lengths(&[("goal", options.goal)])?;
     let Prepared { system, directions, mut information, places } = Prepared::new(model, options, progress)?;
     let mut factor = system.factorize_scalar(&information)?;

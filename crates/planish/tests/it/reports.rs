@@ -42,12 +42,18 @@ fn field<'a>(surface: &'a Value, key: &str) -> &'a Value {
 /// A page that loads nothing: no script, style, picture or frame from elsewhere, and a policy that forbids
 /// it.
 fn needs_no_network(page: &str) {
-    assert!(page.contains("default-src 'none'"));
+    assert!(page.contains("default-src 'none'") && page.contains("script-src 'sha256-"));
+    let policy = page.split("Content-Security-Policy").nth(1).and_then(|rest| rest.split('>').next());
+    assert!(policy.is_some_and(|policy| !policy.contains("unsafe")), "{policy:?}");
     // Names of namespaces and licences are in the scripts; what is around them has no address at all.
     let around: String =
         page.split("<script").map(|part| part.split("</script>").last().unwrap_or_default()).collect();
     for load in ["http:", "https:", " src=", "url(", "@import", "<iframe", "<img"] {
         assert!(!around.contains(load), "the page has {load}");
+    }
+    // The policy permits the style sheet only, so browsers would ignore attributes with style or code.
+    for refused in [" style=", " onclick=", " onload=", "javascript:"] {
+        assert!(!around.contains(refused), "the page has {refused}");
     }
 }
 
