@@ -110,6 +110,7 @@ mod mesh_data;
 mod numbers;
 mod output_set;
 mod points;
+mod polygon;
 mod scan_set;
 mod scans;
 mod source;
