@@ -160,7 +160,8 @@ impl Budget {
         // could overflow is rejected before it grows further.
         let before = self.state.taken.fetch_add(wanted.min(u64::MAX / 4), Ordering::Relaxed);
         let after = before.saturating_add(wanted);
-        if after > self.state.max {
+        // A saturated sum exceeds every limit, also that of a machine whose memory is not known.
+        if after > self.state.max || after == u64::MAX {
             return Err(self.exceeded(count, &what));
         }
         if after < self.state.examine_at.load(Ordering::Relaxed) {

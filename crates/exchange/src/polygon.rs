@@ -2,8 +2,8 @@
 //!
 //! **Input.** The corners of a polygon.
 //!
-//! **Output.** Triangles of its corners. A convex polygon of few corners becomes a fan around its first corner;
-//! another one is triangulated in its plane in O(n log n).
+//! **Output.** Triangles of its corners. A convex polygon of few corners becomes a fan around its first
+//! corner; another one is triangulated in its plane in O(n log n).
 //!
 //! **Limits.** A polygon that crosses itself, or whose corners are not known yet, becomes a fan.
 
@@ -14,8 +14,8 @@ use planish_solid::tessellation::triangulate_polygon;
 /// tree, so that searches would visit all of them.
 const MAX_FAN: usize = 32;
 
-/// Calls `add` with the triangles of a polygon of `count` corners, as indices of its corners. `at` returns the
-/// position of a corner, if it is known.
+/// Calls `add` with the triangles of a polygon of `count` corners, as indices of its corners. `at` returns
+/// the position of a corner, if it is known.
 pub(crate) fn split_polygon(
     count: usize,
     at: impl Fn(usize) -> Option<DVec3>,

@@ -228,8 +228,8 @@ pub(crate) fn read_limited(path: &Path, max: u64, what: &str) -> Result<Vec<u8>>
     }
 }
 
-/// Maximum size of a text that is read as a whole. Far above the lists of scans and the drawings that people or
-/// programs write; a point cloud named by mistake exceeds it.
+/// Maximum size of a text that is read as a whole. Far above the lists of scans and the drawings that people
+/// or programs write; a point cloud named by mistake exceeds it.
 pub(crate) const MAX_TEXT_BYTES: u64 = 16 << 20;
 
 /// Reads a small text file completely (a list or a job, not a point cloud).

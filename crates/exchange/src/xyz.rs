@@ -189,7 +189,7 @@ impl Layout {
     }
 }
 
-fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
+pub(crate) fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     let mut layout: Option<Layout> = None;
     let mut names_in_comment = None;
     let mut count_line = None;

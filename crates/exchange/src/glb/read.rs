@@ -128,6 +128,9 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
         return Err(Error::unsupported(format!("byte 4: expected version 2 of glTF, found {version}")));
     }
     let json = chunk(source, JSON_CHUNK)?;
+    // The tree of the document takes some 24 bytes per byte of its text.
+    let length = json.len() as u64;
+    Budget::of_compressed(length, DATA_RATIO).take_elements(length, 24, "bytes of JSON")?;
     // Untyped, so that malformed parts that are not needed, such as cameras, do not prevent reading the mesh.
     let document: Value = serde_json::from_slice(&json)
         .map_err(|e| Error::input(format!("the JSON chunk is malformed (line {} of it): {e}", e.line())))?;

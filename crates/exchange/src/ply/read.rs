@@ -155,7 +155,7 @@ fn index_list(element: &Element) -> Result<usize> {
     })
 }
 
-pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
+pub(crate) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
     let header = read_header(source)?;
     let (vertex, names) = vertices(&header)?;
     let columns = PointColumns::find(&names).map_err(|e| e.in_context("element `vertex`"))?;
@@ -238,7 +238,7 @@ fn range_grid<R: Read>(
     })
 }
 
-pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+pub(crate) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let header = read_header(source)?;
     let (vertex, names) = vertices(&header)?;
     let position = ["x", "y", "z"].map(|axis| names.iter().position(|n| *n == axis));

@@ -38,8 +38,8 @@ use topology::{Builder, Read as ReadShape};
 /// Maximum number of parts of an assembly: parts multiply through nested assemblies, so a small file could
 /// request any number.
 const MAX_PARTS: usize = 100_000;
-/// Bytes of memory that triangles may take per byte of the file. A face of some hundred bytes has a few hundred
-/// points of a hundred bytes each (decision 0089).
+/// Bytes of memory that triangles may take per byte of the file. A face of some hundred bytes has a few
+/// hundred points of a hundred bytes each (decision 0089).
 const TRIANGLE_RATIO: u64 = 64;
 /// Minimum distance at which points are merged, as a share of the size. Used if the file states no
 /// uncertainty or a smaller one; it absorbs the rounding of coordinates.

@@ -2,8 +2,8 @@
 //!
 //! **Input.** The text of a document.
 //!
-//! **Output.** An error if its entities expand to more than a plain document may hold, or if a tag has so many
-//! attributes that the parser, which compares each with all others, would not end.
+//! **Output.** An error if its entities expand to more than a plain document may hold, or if a tag has so
+//! many attributes that the parser, which compares each with all others, would not end.
 //!
 //! **Limits.** The length is an upper bound: references in comments count. Damage of other kinds is left to
 //! the parser.
@@ -19,8 +19,8 @@ const MAX_NESTING: usize = 16;
 /// Maximum number of attributes of a tag; far above the elements of drawing programs, which have about 40.
 /// Guarded by `tags_with_very_many_attributes_are_rejected`.
 const MAX_ATTRIBUTES: usize = 2000;
-/// Maximum number of declared namespaces times that of different prefixes. The parser copies the outer set for
-/// each declaration.
+/// Maximum number of declared namespaces times that of different prefixes. The parser copies the outer set
+/// for each declaration.
 const MAX_NAMESPACES: usize = 1 << 20;
 
 /// Checks a document that may expand to `max` bytes.

@@ -87,8 +87,8 @@ impl ParametricShape {
         self.remove_copies();
     }
 
-    /// Removes faces that equal an earlier one: the same loops on the same surface. Some programs write a face
-    /// once per colour or layer, and each copy would cost as much as the first.
+    /// Removes faces that equal an earlier one: the same loops on the same surface. Some programs write a
+    /// face once per colour or layer, and each copy would cost as much as the first.
     fn remove_copies(&mut self) {
         /// Faces of equal loops that are compared. Two half spheres share their loop, but hardly more faces.
         const COMPARED: usize = 8;

@@ -101,8 +101,8 @@ impl Filling<'_> {
     }
 }
 
-/// The error for a face that needs too many points. It names a setting, unlike errors of the shape, which finer
-/// chords may avoid.
+/// The error for a face that needs too many points. It names a setting, unlike errors of the shape, which
+/// finer chords may avoid.
 pub(crate) fn too_many_points(count: usize) -> Error {
     Error::unsupported(format!(
         "needs {count} points or more, which is more than a face may have: a coordinate may be damaged; \
@@ -116,7 +116,8 @@ fn refused(e: spade::InsertionError) -> Error {
     Error::unsupported(format!("a point cannot be placed: {e}"))
 }
 
-/// Triangles of a polygon without holes, as indices of its corners, in O(n log n). They are counter-clockwise.
+/// Triangles of a polygon without holes, as indices of its corners, in O(n log n). They are
+/// counter-clockwise.
 ///
 /// Corners at the same position count as one.
 ///
