@@ -1,7 +1,7 @@
 //! What all commands share: common options, the option `--report`, and the end of the short help.
 
 use crate::progress::Audience;
-use crate::values::{seed, threads};
+use crate::values::{memory, seed, threads};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::Unit;
 use planish::report::ReportOutput;
@@ -35,6 +35,10 @@ pub struct CommonArgs {
     #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true,
           hide_short_help = true)]
     pub threads: Option<usize>,
+    /// Maximum memory, such as 8GB [default: three quarters of the machine]. Without it, a small file that
+    /// describes something huge is rejected as damaged
+    #[arg(long, value_name = "SIZE", value_parser = memory, hide_short_help = true)]
+    pub max_memory: Option<u64>,
     /// Seed of the random numbers; equal seeds give identical output files
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = seed, allow_negative_numbers = true,
           hide_short_help = true)]

@@ -30,6 +30,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::Level => "--level",
         Setting::MaxCoefficients => "--max-coefficients",
         Setting::MaxDepth => "--max-depth",
+        Setting::MaxMemory => "--max-memory",
         Setting::MeshTolerance => "--mesh-tolerance",
         Setting::Motion => "--motion",
         Setting::Patch => "--patch",

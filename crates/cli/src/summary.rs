@@ -73,6 +73,7 @@ pub fn run<B: Serialize>(
 ) -> u8 {
     let begun = Instant::now();
     let progress = Terminal::new(common.audience());
+    planish::budget::set_max_memory(common.max_memory);
     // Threads come first: the global pool can be set only before its first use.
     let outcome = set_threads(common).and_then(|()| write_as_set(|| work(&progress)));
     // Programs take the event `finished` as the end of stderr, so warnings are printed before it.

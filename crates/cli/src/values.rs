@@ -92,6 +92,27 @@ pub fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+/// A size of memory in bytes, as in `8GB` or `512MiB`.
+pub fn memory(text: &str) -> Result<u64, String> {
+    // Below, the program itself does not fit, and a number without its unit is a typing error.
+    const LEAST: f64 = 64e6;
+    let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let factor = match text[number.len()..].to_ascii_lowercase().as_str() {
+        "mb" => Some(1e6),
+        "gb" => Some(1e9),
+        "tb" => Some(1e12),
+        "mib" => Some(1024.0_f64.powi(2)),
+        "gib" => Some(1024.0_f64.powi(3)),
+        "tib" => Some(1024.0_f64.powi(4)),
+        _ => None,
+    };
+    let bytes = factor.zip(number.trim().parse::<f64>().ok()).map(|(factor, number)| factor * number);
+    match bytes.filter(|bytes| bytes.is_finite() && *bytes >= LEAST) {
+        Some(bytes) => Ok(bytes as u64),
+        None => Err("expected a size of at least 64 MB with its unit, as in 8GB".to_owned()),
+    }
+}
+
 /// Cells along u and v, as in `61x61`.
 pub fn grid(text: &str) -> Result<[usize; 2], String> {
     // Larger numbers are typing errors. Commands have tighter limits by memory.

@@ -6,6 +6,7 @@
 //! | [`Finding`], [`FindingCode`], [`FindingLevel`] | messages about a result, with stable codes |
 //! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
+//! | [`Budget`], [`budget`] | limits on the memory of inputs and of the process |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
 //! | [`SmallUnit`], [`numbers`] | lengths and numbers in messages |
 //! | [`DVec3`], [`Vec3`] | points, normals and directions, in double and single precision (crate `glam`) |
@@ -34,6 +35,7 @@
 //! assert_eq!(covariance.along(DVec3::Z).sqrt(), 0.5);
 //! ```
 
+pub mod budget;
 pub mod error;
 pub mod finding;
 pub mod matrix3;
@@ -54,6 +56,7 @@ mod symmetric_matrix3;
 mod unit;
 
 pub use bounding_box::{BoundingBox, Coordinates};
+pub use budget::Budget;
 pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
 pub use finding::{Finding, FindingCode, FindingLevel};

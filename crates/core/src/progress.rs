@@ -5,6 +5,7 @@
 //!
 //! Work asks for interruption at its check points, so it stops at the next of them, not at once.
 
+use crate::budget::check_memory;
 use crate::error::{Error, Result};
 
 /// Name of the stage in which a job writes its files.
@@ -59,11 +60,16 @@ pub trait Progress {
     /// Calls [`Progress::advance`] and returns an error if the work should stop.
     ///
     /// # Errors
-    /// `Interrupted` if [`Progress::interrupted`] is true.
+    /// `Interrupted` if [`Progress::interrupted`] is true; `Unsupported` if the process takes more than
+    /// [`max_memory`](crate::budget::max_memory).
     fn check(&self, stage: &str, share: f64) -> Result<()> {
         // Progress first: a listener may decide by the share that it has just received.
         self.advance(stage, share);
-        if self.interrupted() { Err(Error::interrupted()) } else { Ok(()) }
+        if self.interrupted() {
+            return Err(Error::interrupted());
+        }
+        // Here, because every long work passes this point, whatever it allocates.
+        check_memory(0).map_err(|e| e.in_context(stage))
     }
 }
 

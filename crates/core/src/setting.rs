@@ -51,6 +51,7 @@ settings! {
     Level = "level": "Significance level of tests.",
     MaxCoefficients = "max_coefficients": "Maximum number of coefficients.",
     MaxDepth = "max_depth": "Maximum subdivision depth.",
+    MaxMemory = "max_memory": "Maximum memory of the process.",
     MeshTolerance = "mesh_tolerance": "Maximum chord error of meshes.",
     Motion = "motion": "How the object moves.",
     Patch = "patches": "Files of the patches of occluding contours.",

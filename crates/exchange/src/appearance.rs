@@ -18,7 +18,7 @@ use planish_estimate::{Error, Result};
 use crate::Unit;
 use crate::atomic::{write_atomically, write_packed};
 use crate::output_set::recover_outputs_in_folder_of;
-use crate::source::read_text;
+use crate::source::{read_limited, read_text};
 
 /// Marks a corner without texture coordinates.
 pub const NO_UV: u32 = u32::MAX;
@@ -145,14 +145,33 @@ impl TexturedMesh {
     }
 }
 
-/// Reads a file completely, for example a picture that is embedded unchanged.
+/// Maximum size of an embedded picture. The lengths of GLB files have 32 bits, and pictures of textures are
+/// far smaller.
+const MAX_EMBEDDED_BYTES: u64 = 256 << 20;
+
+/// Reads a regular file of at most 256 MiB completely, such as a picture that is embedded unchanged.
+///
+/// The names of such files come from other files, which may name a device or a pipe. These are not opened,
+/// because opening a pipe may wait forever.
 ///
 /// # Errors
-/// `Io` if the file cannot be read.
+/// `Io` if the file cannot be read or is not a regular file; `Input` if it is longer.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    recover_outputs_in_folder_of(path);
-    std::fs::read(path)
-        .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
+    let read = || {
+        recover_outputs_in_folder_of(path);
+        let metadata = std::fs::metadata(path).map_err(|e| Error::io("could not be read").with_source(e))?;
+        if !metadata.is_file() {
+            return Err(Error::io("expected a regular file, found a folder, a device or a pipe"));
+        }
+        if metadata.len() > MAX_EMBEDDED_BYTES {
+            return Err(Error::input(format!(
+                "expected a picture of at most {MAX_EMBEDDED_BYTES} bytes, found {}",
+                metadata.len()
+            )));
+        }
+        read_limited(path, MAX_EMBEDDED_BYTES, "a picture")
+    };
+    read().map_err(|e: Error| e.in_context(path.display()))
 }
 
 /// Reads a list of vertex indices, separated by white space, with `#` for comments. Returns them ascending,

@@ -33,6 +33,7 @@ pub use view::{ViewCalibration, read_view_sensor};
 
 use std::path::Path;
 
+use planish_core::Budget;
 use planish_estimate::{Error, Result};
 use planish_sense::DepthCamera;
 use serde::Deserialize;
@@ -88,8 +89,20 @@ pub fn read_calibration(path: &Path) -> Result<Calibration> {
     read_text(path).and_then(|text| parse(&text)).map_err(|e| e.in_context(path.display()))
 }
 
+/// Takes the memory of the tree of a TOML text, which is larger than that of any other input of its size.
+///
+/// # Errors
+/// `Unsupported` if the tree takes more than a small input may.
+pub(crate) fn take_tree(text: &str) -> Result<()> {
+    /// Memory per byte of text: 424 MB were measured for 6.9 MB of cameras.
+    const TREE_BYTES: u64 = 50;
+    let length = text.len() as u64;
+    Budget::of_compressed(length, 1).take_elements(length, TREE_BYTES, "bytes of TOML")
+}
+
 /// Parses a TOML table; an error gives the line, the reason and the `expected` keys.
 pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) -> Result<T> {
+    take_tree(text)?;
     toml::from_str(text).map_err(|e| {
         let line =
             // Counted in bytes, because a span is in bytes and may follow characters of several bytes.

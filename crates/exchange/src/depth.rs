@@ -14,7 +14,7 @@
 
 pub(crate) mod tags;
 
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
@@ -56,11 +56,16 @@ impl Format {
     }
 }
 
+/// Memory of a reading.
+const READING_BYTES: u64 = size_of::<f64>() as u64;
+
 /// A depth image: readings row by row from the top.
 struct Image {
     columns: usize,
     rows: usize,
     readings: Vec<f64>,
+    /// The memory that the file may take.
+    budget: Budget,
 }
 
 /// True for PNG and TIFF files, and for NPY files that have the shape of an image and a calibration beside
@@ -141,7 +146,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
         Some(_) => PointColumns::find(&["x", "y", "z", "cxx", "cxy", "cxz", "cyy", "cyz", "czz"])?,
         None => PointColumns::positions_only(),
     };
-    let mut collector = PointCollector::new(columns, image.readings.len());
+    let mut collector = PointCollector::new(columns, image.readings.len(), &image.budget);
     let mut record = [0.0; 9];
     for (pixel, &reading) in image.readings.iter().enumerate() {
         let (row, column) = (pixel / image.columns, pixel % image.columns);
@@ -164,7 +169,7 @@ fn read_image(path: &Path) -> Result<Image> {
     let image = match Format::of_name(path)? {
         Format::Npy => {
             let (columns, rows, readings) = npy::read_image(path)?;
-            Image { columns, rows, readings }
+            Image { columns, rows, readings, budget: Budget::of_process() }
         }
         Format::Png => {
             let (file, length) = open_file(path)?;
@@ -187,8 +192,24 @@ fn read_image(path: &Path) -> Result<Image> {
     Ok(image)
 }
 
-/// Rejects an image whose declared size a file of this length cannot hold.
-pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
+/// Bytes of memory that a byte of a picture may take. A depth image takes up to 90 bytes per pixel, with the
+/// covariance of its point, and packs a measured pixel into a byte or more (decision 0089).
+const PICTURE_RATIO: u64 = 64;
+
+/// The memory that a picture of `length` bytes may take.
+pub(crate) fn picture_budget(length: Option<u64>) -> Budget {
+    length.map_or_else(Budget::of_process, |length| Budget::of_compressed(length, PICTURE_RATIO))
+}
+
+/// Takes the memory of an image, `bytes` per pixel, before it is decoded. Also rejects a declared size that a
+/// file of this length cannot hold.
+pub(crate) fn take_pixels(
+    columns: u32,
+    rows: u32,
+    length: Option<u64>,
+    bytes: u64,
+    budget: &Budget,
+) -> Result<()> {
     // The product of two 32-bit numbers fits.
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
@@ -196,7 +217,7 @@ pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Res
             "the header declares {columns} × {rows} pixels, which {length} bytes cannot hold: the file is \
              damaged"
         ))),
-        _ => Ok(()),
+        _ => budget.take_elements(pixels, bytes, format_args!("pixels ({columns} × {rows})")),
     }
 }
 
@@ -211,7 +232,8 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     let info = reader.info();
     let (columns, rows) = (info.width, info.height);
     // Before any row is decoded, because the header alone can request gigabytes.
-    check_promise(columns, rows, length)?;
+    let budget = picture_budget(length);
+    take_pixels(columns, rows, length, READING_BYTES, &budget)?;
     let wide = match reader.output_color_type() {
         (png::ColorType::Grayscale, png::BitDepth::Sixteen) => true,
         (png::ColorType::Grayscale, png::BitDepth::Eight) => false,
@@ -235,7 +257,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
             false => readings.extend(row.data().iter().map(|&b| f64::from(b))),
         }
     }
-    Ok(Image { columns: columns as usize, rows: rows as usize, readings })
+    Ok(Image { columns: columns as usize, rows: rows as usize, readings, budget })
 }
 
 /// Memory limits in proportion to the file, because the decoder allocates what the header declares before it
@@ -270,7 +292,9 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
     tags::check(&mut file)?;
     let mut decoder = TiffDecoder::new(file).map_err(damaged)?.with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
-    check_promise(columns, rows, length)?;
+    let budget = picture_budget(length);
+    // Twice, because the decoded values are converted.
+    take_pixels(columns, rows, length, 2 * READING_BYTES, &budget)?;
     match decoder.colortype().map_err(damaged)? {
         TiffColor::Gray(_) => {}
         other => {
@@ -293,7 +317,7 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
             ));
         }
     };
-    Ok(Image { columns: columns as usize, rows: rows as usize, readings })
+    Ok(Image { columns: columns as usize, rows: rows as usize, readings, budget })
 }
 
 #[cfg(test)]

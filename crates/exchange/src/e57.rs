@@ -12,7 +12,7 @@
 //! # References
 //! ASTM E2807-11, *Standard Specification for 3D Imaging Data Exchange*, 2011.
 
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -22,7 +22,7 @@ use planish_estimate::{Error, ErrorKind, Result};
 use planish_sense::{Pose, RangeGrid, Scan, Viewing};
 
 use crate::points::{PointCollector, PointColumns};
-use crate::source::open_file;
+use crate::source::{DATA_RATIO, open_file};
 
 /// Maximum ratio of grid cells to points. Beyond it, the indices do not describe a sampling grid, and the
 /// grid would take far more memory than the points. Guarded by `shared_and_sparse_cells_give_no_grid`.
@@ -45,6 +45,8 @@ fn damaged(e: e57::Error, what: &str) -> Error {
 
 fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
     let (file, length) = open_file(path)?;
+    // Packed integers may take a single bit.
+    let budget = length.map_or_else(Budget::of_process, |n| Budget::of_compressed(n, DATA_RATIO));
     let mut reader =
         E57Reader::new(BufReader::new(file)).map_err(|e| damaged(e, "the header cannot be read"))?;
     let clouds = reader.pointclouds();
@@ -56,7 +58,7 @@ fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
             (_, Some(own)) if !own.is_empty() => format!("{name} {} ({own})", number + 1),
             _ => format!("{name} {}", number + 1),
         };
-        let read = scan_from(&mut reader, cloud, &label, length);
+        let read = scan_from(&mut reader, cloud, &label, length, &budget);
         scans.push(read.map_err(|e| e.in_context(format_args!("point cloud {}", number + 1)))?);
     }
     if scans.is_empty() {
@@ -89,6 +91,7 @@ fn scan_from(
     cloud: &PointCloud,
     name: &str,
     length: Option<u64>,
+    budget: &Budget,
 ) -> Result<Scan> {
     let (cartesian, spherical) = (cloud.has_cartesian(), cloud.has_spherical());
     if !cartesian && !spherical {
@@ -115,7 +118,7 @@ fn scan_from(
         ));
     }
     let world_from_scanner = pose(cloud)?;
-    let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
+    let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize, budget);
     let mut cells = Vec::new();
     let layout = Layout::new(cloud);
     // The simple reader of the crate stops at a packet without a whole point, which its own writer produces
@@ -130,6 +133,7 @@ fn scan_from(
         collector.push(position.unwrap_or(DVec3::NAN).as_ref(), format_args!("point {number}"))?;
         if let Some([column, row]) = layout.cell.filter(|_| collector.len() > before) {
             let index = |k: usize| values[k].to_i64(&cloud.prototype[k].data_type).map_err(cannot);
+            budget.take_elements(1, size_of::<[i64; 2]>() as u64, format_args!("cells (point {number})"))?;
             cells.push([index(column)?, index(row)?]);
         }
     }

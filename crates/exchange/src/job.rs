@@ -41,6 +41,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
+use crate::calibration::take_tree;
 use crate::points::MAX_SIGMA_NORMAL_DEG;
 use crate::source::{no_file, read_text};
 use crate::vrip::QUATERNION_TOLERANCE;
@@ -361,6 +362,7 @@ impl Text {
 
 fn parse(source: &str, folder: &Path) -> Result<JobFile> {
     let text = Text::new(source);
+    take_tree(source)?;
     let table: JobTable = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
     let unit = match &table.unit {
         Some(name) => Some(name.get_ref().parse().map_err(|e: Error| text.wrong(name, e))?),

@@ -23,6 +23,7 @@ use std::path::Path;
 use las::Header;
 use las::laz::is_laszip_vlr;
 use laz::{DecompressionSelection, LasZipDecompressor};
+use planish_core::Budget;
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
@@ -31,7 +32,7 @@ use crate::GeoReference;
 use crate::foreign::guarded;
 use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns};
-use crate::source::open_file;
+use crate::source::{DATA_RATIO, open_file};
 
 /// Approximate number of bytes of records that are read at once: amortises the call of the decoder and stays
 /// in the cache.
@@ -112,7 +113,10 @@ impl Records {
 }
 
 fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
-    let mut file = BufReader::new(open_file(path)?.0);
+    let (file, length) = open_file(path)?;
+    // Also for plain files, which stay far below: their records are longer than the points.
+    let budget = length.map_or_else(Budget::of_process, |n| Budget::of_compressed(n, DATA_RATIO));
+    let mut file = BufReader::new(file);
     limits::check(&mut file)?;
     let damaged = |what: &str| Error::input(format!("{what}: the file is damaged or not a LAS file"));
     let no_header = |e: las::Error| damaged("the header cannot be read").with_source(e);
@@ -125,7 +129,7 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     let at_once = (BATCH_BYTES / record).max(1);
     let mut bytes = Vec::new();
     // Nothing is reserved, because a compressed file may promise a hundred times its own size.
-    let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
+    let mut collector = PointCollector::new(PointColumns::positions_only(), 0, &budget);
     let mut classes = Vec::new();
     let mut point = 0;
     while point < promised {

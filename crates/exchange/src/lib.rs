@@ -72,6 +72,7 @@
 //! - An output file appears complete or not at all ([`write_atomically`]).
 //! - The same input gives the same bytes.
 //! - Time and memory are proportional to the size of a file, whatever its header declares (decision 0041).
+//!   Readers take memory from a [`Budget`](planish_core::Budget) before they keep it (decision 0089).
 
 pub mod calibration;
 pub mod contours;
@@ -103,6 +104,8 @@ pub mod xyz;
 mod affine;
 mod appearance;
 mod atomic;
+#[cfg(test)]
+mod budget_tests;
 mod checksum;
 mod foreign;
 mod georeference;
@@ -110,6 +113,7 @@ mod mesh_data;
 mod numbers;
 mod output_set;
 mod points;
+mod polygon;
 mod scan_set;
 mod scans;
 mod source;

@@ -3,7 +3,7 @@
 
 use crate::Unit;
 use crate::points::{PointCollector, PointColumns};
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
@@ -25,8 +25,7 @@ use planish_sense::Scan;
 pub struct PolygonMesh {
     /// Positions, in the file's unit; all finite.
     pub points: Vec<DVec3>,
-    /// Indices of the corners, all below `points.len()`. Polygons are split into fans around their first
-    /// corner.
+    /// Indices of the corners, all below `points.len()`. Polygons are split into triangles.
     pub triangles: Vec<[u32; 3]>,
     /// Further vertex properties in the order of the file: a name and one number per vertex, which may be not
     /// finite.
@@ -140,10 +139,11 @@ pub(crate) fn scan_of_vertices(
     points: impl ExactSizeIterator<Item = DVec3>,
     columns: &[(String, Vec<f64>)],
     name: &str,
+    budget: &Budget,
 ) -> Result<Scan> {
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(columns.iter().map(|(name, _)| name.as_str())).collect();
-    let mut collector = PointCollector::new(PointColumns::find(&names)?, points.len());
+    let mut collector = PointCollector::new(PointColumns::find(&names)?, points.len(), budget);
     // One buffer for all vertices: the collector copies what it keeps.
     let mut record = Vec::with_capacity(names.len());
     for (vertex, point) in points.enumerate() {

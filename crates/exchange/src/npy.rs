@@ -100,9 +100,11 @@ pub(crate) fn read_image(path: &Path) -> Result<(usize, usize, Vec<f64>)> {
     }
     let mut numbers = Vec::with_capacity(array.reserve());
     let mut record = Vec::new();
-    for _ in 0..array.records() {
+    for number in 0..array.records() {
         record.clear();
         array.next(&mut record)?;
+        let bytes = size_of_val(&record[..]) as u64;
+        array.budget().take_elements(1, bytes, format_args!("readings (number {number})"))?;
         numbers.extend_from_slice(&record);
     }
     Ok((columns as usize, rows as usize, numbers))
@@ -130,7 +132,7 @@ fn collect<R: Read>(
     name: &str,
 ) -> Result<Scan> {
     let records = arrays[0].records();
-    let mut collector = PointCollector::new(columns, arrays[0].reserve());
+    let mut collector = PointCollector::new(columns, arrays[0].reserve(), arrays[0].budget());
     let mut record = Vec::new();
     for point in 0..records {
         record.clear();

@@ -1,7 +1,7 @@
 //! OBJ, the text format of Wavefront: vertices, normals and polygons.
 //!
 //! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if
-//! negative, back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
+//! negative, back from the last vertex. Polygons are split into triangles. Lines that end
 //! with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
@@ -22,7 +22,7 @@ mod appearance;
 #[cfg(test)]
 mod tests;
 
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use std::io::{self, Read, Write};
 use std::path::Path;
 
@@ -35,6 +35,7 @@ use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use appearance::AppearanceReader;
 pub(crate) use appearance::read_textured;
 
+use crate::polygon::split_polygon;
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Prefix of the unit in comments that Planish writes.
@@ -176,11 +177,12 @@ struct Obj {
     face: Vec<u32>,
     /// Reader of texture coordinates and parts; none if the caller does not need them.
     appearance: Option<AppearanceReader>,
+    budget: Budget,
 }
 
 impl Obj {
     fn read<R: Read>(source: &mut Source<R>, appearance: Option<AppearanceReader>) -> Result<Self> {
-        let mut obj = Self { appearance, ..Self::default() };
+        let mut obj = Self { appearance, budget: source.budget().clone(), ..Self::default() };
         let mut joined = Vec::new();
         loop {
             let number = source.line_number() + 1;
@@ -249,19 +251,32 @@ impl Obj {
                 if self.not_finite.is_none() && !point.is_finite() {
                     self.not_finite = Some(number);
                 }
+                self.take::<DVec3>(1, "vertices", number)?;
                 self.points.push(point);
             }
-            Some(b"vn") => self.stated.push(three(&mut rest, number)?),
+            Some(b"vn") => {
+                // With the entry of `normals` that it may need.
+                self.take::<(DVec3, DVec3, u64)>(1, "normals", number)?;
+                self.stated.push(three(&mut rest, number)?);
+            }
             // `fo` (face outline) is an older keyword, which version 3.0 of the format reads as `f`.
             Some(b"f" | b"fo") => self.face(rest, number)?,
             Some(keyword) => {
                 if let Some(appearance) = &mut self.appearance {
+                    // Names and texture coordinates are at most as long as their lines, except short ones.
+                    let bytes = line.len().max(64) as u64;
+                    self.budget.take_elements(1, bytes, format_args!("names (line {number})"))?;
                     appearance.line(keyword, rest, number)?;
                 }
             }
             None => {}
         }
         Ok(())
+    }
+
+    /// Takes memory for elements of type `T`.
+    fn take<T>(&self, count: u64, what: &str, line: u64) -> Result<()> {
+        self.budget.take_elements(count, size_of::<T>() as u64, format_args!("{what} (line {line})"))
     }
 
     fn face(&mut self, mut rest: &[u8], line: u64) -> Result<()> {
@@ -312,18 +327,28 @@ impl Obj {
                 if (vertex as usize) < self.points.len() && (normal as usize) < self.stated.len() {
                     self.add_normal(vertex, normal);
                 } else {
+                    self.take::<(u32, u32)>(1, "normals", line)?;
                     self.pending.push((vertex, normal));
                 }
             }
             self.face.push(vertex);
         }
-        let [first, rest @ ..] = &self.face[..] else {
-            return Err(too_few(line, 0));
-        };
-        if rest.len() < 2 {
+        if self.face.len() < 3 {
             return Err(too_few(line, self.face.len()));
         }
-        self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+        let count = self.face.len() as u64 - 2;
+        // Each triangle is listed in every part that it belongs to: a line may name a million groups.
+        let lists = self.appearance.as_ref().map_or(0, |a| 3 + a.current_parts() as u64);
+        let bytes = size_of::<[u32; 3]>() as u64 + lists * size_of::<u32>() as u64;
+        self.budget.take_elements(count, bytes, format_args!("triangles (line {line})"))?;
+        let at = |k: usize| self.points.get(self.face[k] as usize).copied();
+        // Texture coordinates are split along the same lines.
+        split_polygon(self.face.len(), at, |t| {
+            self.triangles.push(t.map(|k| self.face[k]));
+            if let Some(appearance) = &mut self.appearance {
+                appearance.add_triangle(t);
+            }
+        });
         if let Some(appearance) = &mut self.appearance {
             appearance.finish_face(self.triangles.len());
         }
@@ -381,7 +406,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Optio
     // Freed early, because a scan needs only vertices.
     obj.triangles = Vec::new();
     let columns = obj.normal_columns();
-    let scan = scan_of_vertices(obj.points.into_iter(), &columns, name)?;
+    let scan = scan_of_vertices(obj.points.into_iter(), &columns, name, source.budget())?;
     Ok((scan, obj.unit))
 }
 

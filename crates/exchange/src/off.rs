@@ -2,7 +2,7 @@
 //!
 //! **Input.** `OFF` (or `COFF`, `NOFF`, `STOFF` and combinations; values after a position are ignored), three
 //! counts, one line per vertex, and one line per polygon: the number of corners, their indices from 0, and
-//! optionally a colour. A polygon is split into a fan around its first corner; `#` begins a comment.
+//! optionally a colour. Polygons are split into triangles; `#` begins a comment.
 //!
 //! **Output.** A [`PolygonMesh`]. Written files keep every digit.
 //!
@@ -21,6 +21,7 @@ use planish_sense::Scan;
 
 use crate::atomic::write_packed;
 use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
+use crate::polygon::split_polygon;
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Length of the shortest line of a vertex, `0 0 0`.
@@ -54,7 +55,8 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 /// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| {
-        scan_of_vertices(mesh_from(&mut source)?.points.into_iter(), &[], name)
+        let points = mesh_from(&mut source)?.points;
+        scan_of_vertices(points.into_iter(), &[], name, source.budget())
     })
 }
 
@@ -130,9 +132,11 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
             u32::MAX
         )));
     }
+    let budget = source.budget().clone();
     let mut points = Vec::with_capacity(source.reserve(vertices, MIN_LINE_BYTES));
     for _ in 0..vertices {
         let at = line(source, &mut buffer, "a vertex")?;
+        budget.take_elements(1, size_of::<DVec3>() as u64, format_args!("vertices (line {at})"))?;
         let mut rest = &buffer[..];
         let mut point = DVec3::ZERO;
         for x in point.as_mut() {
@@ -143,7 +147,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         }
         points.push(point);
     }
-    let mut triangles = Vec::with_capacity(source.reserve(polygons, MIN_LINE_BYTES));
+    let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(source.reserve(polygons, MIN_LINE_BYTES));
     let mut corners: Vec<u32> = Vec::new();
     for _ in 0..polygons {
         let at = line(source, &mut buffer, "a polygon")?;
@@ -166,8 +170,11 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
             corners.push(corner as u32);
         }
         // Some programs write points and segments as polygons of one or two corners; they give no triangle.
-        if let [first, others @ ..] = &corners[..] {
-            triangles.extend(others.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+        if let [_, others @ ..] = &corners[..] {
+            let bytes = size_of::<[u32; 3]>() as u64;
+            budget.take_elements(others.len() as u64, bytes, format_args!("triangles (line {at})"))?;
+            let at = |k: usize| points.get(corners[k] as usize).copied();
+            split_polygon(corners.len(), at, |t| triangles.push(t.map(|k| corners[k])));
         }
     }
     Ok(PolygonMesh { points, triangles, ..PolygonMesh::default() })

@@ -11,7 +11,7 @@
 //!
 //! **Limits.** The rotation of `VIEWPOINT` is not applied.
 
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use std::io::Read;
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use planish_sense::{Scan, Viewing};
 
 use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns, grid_without};
-use crate::source::{Source, next_word, parse_number, read_file, shown};
+use crate::source::{DATA_RATIO, Source, next_word, parse_number, read_file, shown};
 
 /// A field of a record: `count` numbers of one type.
 struct Field {
@@ -260,11 +260,17 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     // The last line of a text file may lack its end.
     let needed = needed.saturating_sub(u64::from(header.encoding == Encoding::Ascii));
     source.check_promise(header.points, "points", needed)?;
-    let mut collector = PointCollector::new(columns, source.reserve(header.points, bytes / of_points));
+    // Only compressed points may take more than a fixed multiple of the file.
+    let budget = match (header.encoding, source.remaining()) {
+        (Encoding::Compressed, Some(length)) => Budget::of_compressed(length, DATA_RATIO),
+        _ => source.budget().clone(),
+    };
+    let reserve = source.reserve(header.points, bytes / of_points);
+    let mut collector = PointCollector::new(columns, reserve, &budget);
     match header.encoding {
         Encoding::Ascii => read_text(source, &header, &mut collector)?,
         Encoding::Binary => read_binary(source, &header, &mut collector)?,
-        Encoding::Compressed => read_compressed(source, &header, &mut collector)?,
+        Encoding::Compressed => read_compressed(source, &header, &mut collector, &budget)?,
     }
     let (mut scan, dropped) = collector.finish(name);
     if header.height > 1 {
@@ -348,6 +354,7 @@ fn read_compressed<R: Read>(
     source: &mut Source<R>,
     header: &Header,
     collector: &mut PointCollector,
+    budget: &Budget,
 ) -> Result<()> {
     let byte = source.offset();
     let Some(sizes) = source.bytes(8)? else {
@@ -370,6 +377,7 @@ fn read_compressed<R: Read>(
             "byte {byte}: {packed} compressed bytes cannot hold {unpacked}: the file is damaged"
         )));
     }
+    budget.take_elements(1, unpacked, format_args!("bytes of the body (byte {byte})"))?;
     let size =
         usize::try_from(packed).map_err(|_| Error::unsupported("the file is too large for this computer"))?;
     let Some(bytes) = source.bytes(size)? else {

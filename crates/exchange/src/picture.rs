@@ -13,7 +13,7 @@
 //! - Truevision, *TGA file format specification 2.0*, 1991: types 2, 3, 10 and 11.
 //! - Poskanzer, *Netpbm*: P2, P3, P5 and P6.
 
-use std::io::{self, BufReader, Cursor, Read, Write};
+use std::io::{self, BufReader, Cursor, Write};
 use std::path::Path;
 
 use planish_estimate::{Error, Result};
@@ -25,14 +25,17 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use crate::depth::{check_promise, tags, tiff_limits};
+use crate::depth::{picture_budget, tags, take_pixels, tiff_limits};
 use crate::foreign::guarded;
-use crate::source::{extension, open_file};
+use crate::source::{extension, read_limited};
 use crate::write_atomically;
 
 /// Maximum number of pixels along a side of a JPEG picture, which bounds the memory of the decoder. The
 /// format itself has 16 bits per side.
 const MAX_SIDE: usize = 1 << 16;
+
+/// Maximum size of a picture file that is a pipe or a device, which may be endless.
+const MAX_PICTURE_BYTES: u64 = 256 << 20;
 
 /// A picture.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,15 +104,10 @@ pub fn read_brightness(path: &Path) -> Result<Image> {
 /// ```
 pub fn read_picture(path: &Path) -> Result<Picture> {
     let read = || {
-        let (mut file, length) = open_file(path)?;
-        let mut bytes = || {
-            let mut all = Vec::new();
-            file.read_to_end(&mut all).map_err(|e| Error::io("could not be read").with_source(e))?;
-            Ok::<_, Error>(all)
-        };
+        let bytes = || read_limited(path, MAX_PICTURE_BYTES, "a picture");
         let picture = match extension(path).as_str() {
-            "png" => png(Cursor::new(bytes()?), length)?,
-            "tif" | "tiff" => tiff(&bytes()?, length)?,
+            "png" => png(&bytes()?)?,
+            "tif" | "tiff" => tiff(&bytes()?)?,
             "jpg" | "jpeg" => jpeg(&bytes()?)?,
             "tga" => tga(&bytes()?)?,
             "pgm" | "ppm" | "pnm" => netpbm(&bytes()?)?,
@@ -218,6 +216,13 @@ pub fn colour_png(size: [usize; 2], values: &[u8]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Memory of a pixel with so many samples in bytes; opacity is removed from a copy.
+fn pixel_bytes(samples: usize) -> u64 {
+    let kept = if samples < 3 { 1 } else { 3 };
+    let copied = if samples == kept { 0 } else { kept };
+    ((samples + copied) * size_of::<f32>()) as u64
+}
+
 /// Builds a picture from one or three of the samples of each pixel; opacity, which follows them, is removed.
 fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white: f32) -> Picture {
     let channels = if samples < 3 { 1 } else { 3 };
@@ -228,21 +233,22 @@ fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white
     Picture { columns, rows, channels, values, white }
 }
 
-fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Result<Picture> {
+fn png(bytes: &[u8]) -> Result<Picture> {
     let damaged =
         |e: png::DecodingError| Error::input("not a PNG image, or damaged or cut off").with_source(e);
-    let mut decoder = png::Decoder::new(file);
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
     // Expands palettes, and grey levels of fewer than 8 bits, to 8 bits.
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (columns, rows) = (reader.info().width, reader.info().height);
-    check_promise(columns, rows, length)?;
+    let (colour, depth) = reader.output_color_type();
+    let length = Some(bytes.len() as u64);
+    take_pixels(columns, rows, length, pixel_bytes(colour.samples()), &picture_budget(length))?;
     // Rows of an interlaced image arrive in seven passes of partial rows, which the loop below would
     // misplace.
     if reader.info().interlaced {
         return Err(Error::unsupported("the PNG image is interlaced: save it without interlacing"));
     }
-    let (colour, depth) = reader.output_color_type();
     let mut values = Vec::new();
     while let Some(row) = reader.next_row().map_err(damaged)? {
         match depth {
@@ -257,7 +263,8 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
     Ok(channels(columns as usize, rows as usize, colour.samples(), values, white))
 }
 
-fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
+fn tiff(bytes: &[u8]) -> Result<Picture> {
+    let length = Some(bytes.len() as u64);
     let damaged = |e: TiffError| match e {
         TiffError::UnsupportedError(_) => {
             Error::unsupported("this kind of TIFF image is not supported").with_source(e)
@@ -269,7 +276,6 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
     let mut decoder =
         TiffDecoder::new(BufReader::new(file)).map_err(damaged)?.with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
-    check_promise(columns, rows, length)?;
     // Only the first one or three samples are used; the others are opacity or further bands.
     let samples = match decoder.colortype().map_err(damaged)? {
         TiffColor::Gray(_) => 1,
@@ -281,6 +287,9 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
             return Err(Error::unsupported(format!("expected a grey or colour image, found {other:?}")));
         }
     };
+    // The decoded values have up to eight bytes and are converted afterwards.
+    let bytes = pixel_bytes(samples) + 8 * samples as u64;
+    take_pixels(columns, rows, length, bytes, &picture_budget(length))?;
     let (values, white): (Vec<f32>, f32) = match decoder.read_image().map_err(damaged)? {
         DecodingResult::U8(v) => (v.into_iter().map(f32::from).collect(), 255.0),
         DecodingResult::U16(v) => (v.into_iter().map(f32::from).collect(), 65535.0),
@@ -303,8 +312,10 @@ fn jpeg(bytes: &[u8]) -> Result<Picture> {
         decoder.decode_headers().map_err(damaged)?;
         let (columns, rows) = decoder.dimensions().unwrap_or_default();
         // Checked between header and data, before the decoder allocates the image.
-        check_promise(columns as u32, rows as u32, Some(bytes.len() as u64))?;
         let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
+        let (samples, length) = (if grey { 1 } else { 3 }, Some(bytes.len() as u64));
+        let per_pixel = pixel_bytes(samples) + samples as u64;
+        take_pixels(columns as u32, rows as u32, length, per_pixel, &picture_budget(length))?;
         let wanted = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
         // Only now, because the headers decide; a grey picture expanded to RGB would take three times the
         // memory.
@@ -338,6 +349,8 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     if columns * rows > body.len().saturating_mul(128) {
         return Err(damaged());
     }
+    let (length, per_pixel) = (Some(bytes.len() as u64), pixel_bytes(samples) + samples as u64);
+    take_pixels(columns as u32, rows as u32, length, per_pixel, &picture_budget(length))?;
     let mut unpacked = Vec::with_capacity(size);
     if kind < 9 {
         unpacked.extend_from_slice(body.get(..size).ok_or_else(damaged)?);

@@ -25,5 +25,7 @@ mod write_scan;
 pub use crate::mesh_data::{Column, MeshColumns, PolygonMesh};
 pub(crate) use read::read_scan_and_unit;
 pub use read::{PlyContents, read_contents, read_mesh, read_scan};
+#[cfg(test)]
+pub(crate) use read::{mesh_from, scan_from};
 pub use write::{write_mesh, write_points};
 pub use write_scan::write_scan;

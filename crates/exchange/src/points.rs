@@ -11,7 +11,7 @@
 
 use std::fmt::Display;
 
-use planish_core::{DVec3, SymmetricMatrix3};
+use planish_core::{Budget, DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
@@ -159,6 +159,25 @@ impl PointColumns {
         })
     }
 
+    /// Memory of a point with its columns in bytes.
+    fn bytes(&self) -> u64 {
+        let scalar = |is_present: bool| u64::from(is_present) * size_of::<f64>() as u64;
+        let uncertainty = match self.uncertainty {
+            Uncertainty::Unstated => 0,
+            Uncertainty::Sigma(_) => scalar(true),
+            Uncertainty::Covariance(_) => size_of::<SymmetricMatrix3>() as u64,
+        };
+        size_of::<DVec3>() as u64
+            + uncertainty
+            + 3 * scalar(self.normal.is_some())
+            + 2 * scalar(self.parameters.is_some())
+            + 5 * scalar(self.curvature.is_some())
+            + scalar(self.sigma_normal.is_some())
+            + scalar(self.sigma_curvature.is_some())
+            + scalar(self.time.is_some())
+            + scalar(self.scan.is_some())
+    }
+
     /// Minimum number of columns of a record.
     pub(crate) fn width(&self) -> usize {
         let uncertainty: &[usize] = match &self.uncertainty {
@@ -191,11 +210,17 @@ pub(crate) struct PointCollector {
     records: u64,
     /// Indices of the dropped records, ascending.
     dropped: Vec<u64>,
+    budget: Budget,
+    /// Memory of one point with all of its columns, in bytes.
+    bytes: u64,
 }
 
 impl PointCollector {
-    /// Creates an empty collector with room for `reserve` points.
-    pub(crate) fn new(columns: PointColumns, reserve: usize) -> Self {
+    /// Creates an empty collector with room for `reserve` points, which takes their memory from a budget.
+    pub(crate) fn new(columns: PointColumns, reserve: usize, budget: &Budget) -> Self {
+        let bytes = columns.bytes();
+        // Never more than the budget holds: points beyond it are rejected anyway.
+        let reserve = reserve.min(usize::try_from(budget.left(bytes)).unwrap_or(usize::MAX));
         let mut scan = Scan { points: Vec::with_capacity(reserve), ..Scan::default() };
         match columns.uncertainty {
             Uncertainty::Unstated => {}
@@ -209,7 +234,7 @@ impl PointCollector {
         scan.sigma_curvature = columns.sigma_curvature.map(|_| Vec::with_capacity(reserve));
         scan.times_s = columns.time.map(|_| Vec::with_capacity(reserve));
         scan.scan_numbers = columns.scan.map(|_| Vec::with_capacity(reserve));
-        Self { columns, scan, records: 0, dropped: Vec::new() }
+        Self { columns, scan, records: 0, dropped: Vec::new(), budget: budget.clone(), bytes }
     }
 
     /// Number of points kept so far.
@@ -228,9 +253,12 @@ impl PointCollector {
         self.records += 1;
         let point = self.columns.position.map(|c| record[c]);
         if !point.iter().all(|c| c.is_finite()) {
+            let bytes = size_of_val(&number) as u64;
+            self.budget.take_elements(1, bytes, format_args!("points without coordinates ({place})"))?;
             self.dropped.push(number);
             return Ok(());
         }
+        self.budget.take_elements(1, self.bytes, format_args!("points ({place}, point {number})"))?;
         // Sampling grids refer to points by 32-bit indices; the largest one marks an empty cell.
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
             return Err(Error::unsupported(format!(
@@ -375,7 +403,7 @@ mod tests {
     use super::*;
 
     fn collect(names: &[&str], records: &[&[f64]]) -> Result<Scan> {
-        let mut collector = PointCollector::new(PointColumns::find(names)?, 0);
+        let mut collector = PointCollector::new(PointColumns::find(names)?, 0, &Budget::of_process());
         for (i, record) in records.iter().enumerate() {
             collector.push(record, format_args!("line {}", i + 1))?;
         }

@@ -13,6 +13,7 @@ use std::path::Path;
 
 use crate::output_set::recover_outputs_in_folder_of;
 use flate2::read::MultiGzDecoder;
+use planish_core::Budget;
 use planish_estimate::{Error, Result};
 
 /// Initial size of the buffer. Large enough that system calls cost little, small enough for many readers.
@@ -33,6 +34,7 @@ pub(crate) struct Source<R> {
     length: Option<u64>,
     /// Lines returned so far.
     lines: u64,
+    budget: Budget,
 }
 
 /// Opens a file and returns its length, which is unknown for devices and pipes. Folders, missing files and
@@ -94,10 +96,19 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     // A pipe cannot be rewound, so the bytes that were read are chained before the rest.
     let content = io::Cursor::new(first).take(found as u64).chain(file);
     Ok(match first == GZIP {
-        true => Source::new(Box::new(Unpacked::new(content)), None),
+        true => {
+            // A pipe has no length; what it packs is then limited as if it were small.
+            let budget = Budget::of_compressed(length.unwrap_or(0), DATA_RATIO);
+            let unpacked: Box<dyn Read> = Box::new(Unpacked::new(content));
+            Source::new(unpacked, None).with_budget(budget)
+        }
         false => Source::new(Box::new(content), length),
     })
 }
+
+/// Bytes of memory that a packed byte of a compressed file may take. Measurements pack to a third or more of
+/// their size, and a point takes at most eight times the memory of its record (decision 0089).
+pub(crate) const DATA_RATIO: u64 = 16;
 
 /// Maximum ratio of unpacked to packed bytes. Deflate reaches 1032, but only without measurements; nearly
 /// empty organised clouds reach some dozens (decision 0041).
@@ -200,10 +211,29 @@ pub(crate) fn no_file(path: &Path) -> &'static str {
     }
 }
 
+/// Reads a file as a whole. A regular file may be as large as the memory allows, other ones (pipes, devices)
+/// up to `max` bytes; `what` names the expected content.
+pub(crate) fn read_limited(path: &Path, max: u64, what: &str) -> Result<Vec<u8>> {
+    let (file, length) = open_file(path)?;
+    let budget = Budget::of_process();
+    budget.take_elements(length.unwrap_or(0), 1, format_args!("bytes of {what}"))?;
+    let max = length.map_or(max, |length| length.max(max));
+    let mut bytes = Vec::new();
+    // One more byte than allowed shows that the file is too long.
+    let read = file.take(max.saturating_add(1)).read_to_end(&mut bytes);
+    read.map_err(|e| Error::io("could not be read").with_source(e))?;
+    match bytes.len() as u64 > max {
+        true => Err(Error::input(format!("expected {what} of at most {max} bytes, found more"))),
+        false => Ok(bytes),
+    }
+}
+
+/// Maximum size of a text that is read as a whole. Far above the lists of scans and the drawings that people
+/// or programs write; a point cloud named by mistake exceeds it.
+pub(crate) const MAX_TEXT_BYTES: u64 = 16 << 20;
+
 /// Reads a small text file completely (a list or a job, not a point cloud).
 pub(crate) fn read_text(path: &Path) -> Result<String> {
-    /// Far above the lists of scans that people or scripts write; a point cloud named by mistake exceeds it.
-    const MAX_TEXT_BYTES: u64 = 16 << 20;
     let (file, _) = open_file(path)?;
     let mut bytes = Vec::new();
     // One more byte than allowed shows that the file is too long.
@@ -221,8 +251,21 @@ pub(crate) fn read_text(path: &Path) -> Result<String> {
 
 impl<R: Read> Source<R> {
     /// Creates a source over a reader; `length` is the number of bytes, if known.
+    ///
+    /// Its budget is that of the process: the size of a plain file bounds what it describes.
     pub(crate) fn new(reader: R, length: Option<u64>) -> Self {
-        Self { reader, buffer: vec![0; BUFFER_BYTES], start: 0, end: 0, offset: 0, length, lines: 0 }
+        let budget = Budget::of_process();
+        Self { reader, buffer: vec![0; BUFFER_BYTES], start: 0, end: 0, offset: 0, length, lines: 0, budget }
+    }
+
+    /// The same source with the budget of a compressed file.
+    pub(crate) fn with_budget(self, budget: Budget) -> Self {
+        Self { budget, ..self }
+    }
+
+    /// The memory that the content may take.
+    pub(crate) fn budget(&self) -> &Budget {
+        &self.budget
     }
 
     /// Number of bytes returned so far.
@@ -259,7 +302,8 @@ impl<R: Read> Source<R> {
     /// Never more than the rest of the file can hold; one buffer full if the length is unknown (gzip, pipes).
     pub(crate) fn reserve(&self, promised: u64, min_record_bytes: u64) -> usize {
         let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / min_record_bytes.max(1) + 1);
-        usize::try_from(promised.min(holds)).unwrap_or(0)
+        // Entries take more than a byte, so the budget allows at most as many as it has bytes left.
+        usize::try_from(promised.min(holds).min(self.budget.left(1))).unwrap_or(0)
     }
 
     /// Appends more bytes to the buffer; false at the end of the file.
@@ -273,6 +317,8 @@ impl<R: Read> Source<R> {
         }
         if self.end == self.buffer.len() {
             // Doubled, so that a long line is copied only a few times while the buffer grows.
+            let at = self.offset + self.end as u64;
+            self.budget.take_elements(1, self.buffer.len() as u64, format_args!("text at byte {at}"))?;
             self.buffer.resize(2 * self.buffer.len(), 0);
         }
         loop {
@@ -356,7 +402,7 @@ impl<R: Read> Source<R> {
 
     /// Returns the rest of the file.
     pub(crate) fn rest(mut self) -> Result<Vec<u8>> {
-        // Needs no limit: a plain file is as long as it is, and `Unpacked` limits a compressed one.
+        // Needs no limit of its own: `fill` takes the buffer from the budget.
         while self.fill()? {}
         self.buffer.truncate(self.end);
         self.buffer.drain(..self.start);

@@ -17,8 +17,8 @@
 #[cfg(test)]
 mod tests;
 
-use planish_core::DVec3;
 use planish_core::vector3::coordinates;
+use planish_core::{Budget, DVec3};
 use std::collections::HashMap;
 use std::io::{self, Read, Write};
 use std::path::Path;
@@ -143,7 +143,6 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
 }
 
 /// Triangles and merged vertices while a file is read.
-#[derive(Default)]
 struct Soup {
     vertices: HashMap<[u64; 3], u32>,
     points: Vec<DVec3>,
@@ -152,16 +151,32 @@ struct Soup {
     dropped: usize,
     first_dropped: Option<String>,
     unit: Option<Unit>,
+    budget: Budget,
 }
 
+/// Memory of a vertex in bytes: its point, and its entry in the map, which is at least half full.
+const VERTEX_BYTES: u64 = (size_of::<DVec3>() + 2 * size_of::<([u64; 3], u32)>()) as u64;
+
 impl Soup {
+    fn new(budget: &Budget) -> Self {
+        Self {
+            vertices: HashMap::new(),
+            points: Vec::new(),
+            triangles: Vec::new(),
+            dropped: 0,
+            first_dropped: None,
+            unit: None,
+            budget: budget.clone(),
+        }
+    }
+
     fn read<R: Read>(source: &mut Source<R>) -> Result<Self> {
+        let mut soup = Self::new(source.budget());
         // Header, count and first triangle: a binary file has a zero byte among them.
         let head = source.peek(HEADER + 4 + RECORD)?;
         let text = head.trim_ascii_start();
         // Some programs write blanks before `solid`, or capitals.
         let solid = text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid");
-        let mut soup = Self::default();
         if solid && !head.contains(&0) {
             soup.read_text(source)?;
         } else {
@@ -300,10 +315,13 @@ impl Soup {
             // Adding zero turns −0 into +0, so that both are one key.
             *index = *self.vertices.entry(corner.to_array().map(|c| (c + 0.0).to_bits())).or_insert(next);
             if *index == next {
+                self.budget.take_elements(1, VERTEX_BYTES, format_args!("vertices ({place})"))?;
                 self.points.push(*corner);
             }
         }
         if is_complete {
+            let bytes = size_of::<[u32; 3]>() as u64;
+            self.budget.take_elements(1, bytes, format_args!("triangles ({place})"))?;
             self.triangles.push(triangle);
         }
         Ok(())
@@ -312,7 +330,7 @@ impl Soup {
 
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
     let soup = Soup::read(source)?;
-    let mut scan = scan_of_vertices(soup.points.into_iter(), &[], name)?;
+    let mut scan = scan_of_vertices(soup.points.into_iter(), &[], name, source.budget())?;
     scan.dropped_not_finite = soup.dropped;
     Ok((scan, soup.unit))
 }

@@ -15,6 +15,7 @@
 //! # References
 //! W3C, *Scalable Vector Graphics (SVG) 2* (paths, units); *SVG 1.1*, appendix F.6 (arcs).
 
+mod entities;
 mod path;
 mod style;
 #[cfg(test)]
@@ -23,7 +24,7 @@ mod tests;
 use crate::Unit;
 use crate::affine::Affine;
 use crate::dxf::DxfDrawing;
-use crate::source::read_text;
+use crate::source::{MAX_TEXT_BYTES, read_text};
 use path::path_curves;
 use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
@@ -69,6 +70,7 @@ pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
 }
 
 fn read(text: &str) -> Result<DxfDrawing> {
+    entities::check(text, MAX_TEXT_BYTES)?;
     // Drawing programs write a document type. Entities in it are expanded; the parser stops at entity loops.
     let options = ParsingOptions { allow_dtd: true, nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
@@ -82,7 +84,9 @@ fn read(text: &str) -> Result<DxfDrawing> {
     }
     // The scale of the page is applied first, so that all further lengths are user units.
     let (scale, unit) = scale(&root)?;
+    let lines = text.match_indices('\n').map(|(at, _)| at).collect();
     let mut reader = Reader {
+        lines,
         sheet: Sheet::parse(&document),
         drawing: DxfDrawing { unit, ..DxfDrawing::default() },
         ignored: BTreeMap::new(),
@@ -102,6 +106,8 @@ fn read(text: &str) -> Result<DxfDrawing> {
 }
 
 struct Reader {
+    /// Positions of the line ends. The parser counts them anew for each element, which takes quadratic time.
+    lines: Vec<usize>,
     sheet: Sheet,
     drawing: DxfDrawing,
     ignored: BTreeMap<String, (usize, String)>,
@@ -112,7 +118,7 @@ impl Reader {
         if depth > MAX_DEPTH {
             return Err(Error::input(format!(
                 "{}: expected at most {MAX_DEPTH} nested groups, found more",
-                name(node)
+                self.name(node)
             )));
         }
         node.children().filter(Node::is_element).try_for_each(|child| {
@@ -120,7 +126,7 @@ impl Reader {
             // messages.
             self.element(&child, outer, style, depth).map_err(|e| match child.tag_name().name() {
                 "g" | "svg" | "a" | "switch" => e,
-                _ => e.in_context(name(&child)),
+                _ => e.in_context(self.name(&child)),
             })
         })
     }
@@ -173,16 +179,16 @@ impl Reader {
             "defs" | "symbol" | "clipPath" | "mask" | "pattern" | "marker" | "style" | "title" | "desc"
             | "metadata" | "namedview" | "script" => return Ok(()),
             _ => {
-                self.ignore(kind, name(node));
+                self.ignore(kind, self.name(node));
                 return Ok(());
             }
         };
         // Decided after the geometry is parsed, so that errors in centre lines are reported as well.
         let Some(line_style) = style.line else {
-            self.ignore("centre line", name(node));
+            self.ignore("centre line", self.name(node));
             return Ok(());
         };
-        self.add(&curves, line_style, &place, name(node))
+        self.add(&curves, line_style, &place, self.name(node))
     }
 
     fn add(&mut self, curves: &[Curve2], style: LineStyle, place: &Affine, entity: String) -> Result<()> {
@@ -203,17 +209,17 @@ impl Reader {
         Ok(())
     }
 
+    /// Description of an element for messages: kind, id and line.
+    fn name(&self, node: &Node<'_, '_>) -> String {
+        let line = 1 + self.lines.partition_point(|end| *end < node.range().start);
+        match node.attribute("id") {
+            Some(id) => format!("{} {id} (line {line})", node.tag_name().name()),
+            None => format!("{} (line {line})", node.tag_name().name()),
+        }
+    }
+
     fn ignore(&mut self, kind: &str, name: String) {
         self.ignored.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
-    }
-}
-
-/// Description of an element for messages: kind, id and line.
-fn name(node: &Node<'_, '_>) -> String {
-    let line = node.document().text_pos_at(node.range().start).row;
-    match node.attribute("id") {
-        Some(id) => format!("{} {id} (line {line})", node.tag_name().name()),
-        None => format!("{} (line {line})", node.tag_name().name()),
     }
 }
 

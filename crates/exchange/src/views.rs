@@ -40,7 +40,7 @@ use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_shell::{Camera, PoseNoise};
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Default σ of the border of a mask in pixels: masks are rounded to whole pixels. Too small a value makes
@@ -158,6 +158,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     )?;
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();
+    let mut names: HashSet<String> = HashSet::new();
     for (index, view) in t.view.iter().enumerate() {
         let stem = view.mask.as_ref().or(view.image.as_ref()).and_then(|path| path.file_stem());
         let name = match (&view.name, stem) {
@@ -166,7 +167,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             (None, None) => format!("view{}", index + 1),
         };
         // Tracks refer to views by name.
-        if views.iter().any(|other| other.name == name) {
+        if !names.insert(name.clone()) {
             return Err(Error::input(format!("expected views of different names, found two named `{name}`")));
         }
         // A closure, so that every error inside gets the name of the view.
@@ -316,17 +317,19 @@ fn read_pixels(path: &Path, sigma_px: f64) -> Result<(Pixels, Vec<usize>)> {
 
 fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Track>> {
     let rows = read_columns(path, &["track", "view", "x", "y", "sigma_px"], 4)?;
+    let places: HashMap<&str, u32> =
+        (views.iter().zip(0..)).map(|(view, at)| (view.name.as_str(), at)).collect();
     let mut tracks: BTreeMap<String, Track> = BTreeMap::new();
     // Tracks keep the order of the file, which a map by name would change.
     let mut order = Vec::new();
     for (line, row) in rows {
         let read = || {
             let name = row[1].clone().unwrap_or_default();
-            let view = (views.iter().position(|view| view.name == name)).ok_or_else(|| {
+            let view = *places.get(name.as_str()).ok_or_else(|| {
                 Error::input(format!("line {line}: expected the name of a view, found `{name}`"))
             })?;
             let at = |k: usize, fallback, positive| number(line, row[k].as_deref(), fallback, positive);
-            Ok((view as u32, [at(2, 0.0, false)?, at(3, 0.0, false)?], at(4, sigma_px, true)?))
+            Ok((view, [at(2, 0.0, false)?, at(3, 0.0, false)?], at(4, sigma_px, true)?))
         };
         let sighting = read().map_err(|e: Error| e.in_context(path.display()))?;
         let track = row[0].clone().unwrap_or_default();

@@ -18,6 +18,7 @@
 use std::io::Read;
 use std::path::Path;
 
+use planish_core::Budget;
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
@@ -119,17 +120,17 @@ struct Layout {
 }
 
 impl Layout {
-    fn new(columns: PointColumns, separator: Separator, tentative_normals: bool) -> Self {
+    fn new(columns: PointColumns, separator: Separator, tentative_normals: bool, budget: &Budget) -> Self {
         Self {
             separator,
             width: columns.width(),
             // Nothing is reserved: the count of a PTS file is not trusted, and other files state none.
-            collector: PointCollector::new(columns, 0),
+            collector: PointCollector::new(columns, 0, budget),
             tentative_normals,
         }
     }
 
-    fn named(names: &[String], separator: Separator) -> Result<Self> {
+    fn named(names: &[String], separator: Separator, budget: &Budget) -> Result<Self> {
         if names.len() > MAX_COLUMNS {
             return Err(Error::input(format!(
                 "expected at most {MAX_COLUMNS} columns, found {}",
@@ -142,7 +143,7 @@ impl Layout {
         {
             return Err(Error::input(format!("the column `{}` is named twice", names[twice])));
         }
-        Ok(Self::new(PointColumns::find(&names)?, separator, false))
+        Ok(Self::new(PointColumns::find(&names)?, separator, false, budget))
     }
 
     /// Parses the required fields of a line into `record`.
@@ -189,11 +190,12 @@ impl Layout {
     }
 }
 
-fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
+pub(crate) fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     let mut layout: Option<Layout> = None;
     let mut names_in_comment = None;
     let mut count_line = None;
     let mut record = Vec::new();
+    let budget = source.budget().clone();
     loop {
         let number = source.line_number() + 1;
         let Some(mut line) = source.line()? else { break };
@@ -230,18 +232,18 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                             shown(line)
                         )));
                     };
-                    layout = Some(Layout::named(&names, separator).map_err(at)?);
+                    layout = Some(Layout::named(&names, separator, &budget).map_err(at)?);
                     continue;
                 }
                 // A comment with another number of words is prose that happens to name x, y and z.
                 let named = names_in_comment.take().filter(|names: &Vec<String>| names.len() == fields.len());
                 layout.insert(match named {
-                    Some(names) => Layout::named(&names, separator).map_err(at)?,
+                    Some(names) => Layout::named(&names, separator, &budget).map_err(at)?,
                     None if fields.len() == 6 => {
                         let columns = PointColumns::positions_and_normals();
-                        Layout::new(columns, separator, true)
+                        Layout::new(columns, separator, true, &budget)
                     }
-                    None => Layout::new(PointColumns::positions_only(), separator, false),
+                    None => Layout::new(PointColumns::positions_only(), separator, false, &budget),
                 })
             }
         };

@@ -77,6 +77,27 @@ pub struct MeshSearch {
     boundary_edges: Vec<bool>,
 }
 
+/// For each triangle, the index of the first one with the same vertices and orientation.
+fn first_copies(triangles: &[[u32; 3]]) -> Vec<u32> {
+    let turned = |t: &[u32; 3]| {
+        let mut t = *t;
+        let least = (1..3).fold(0, |least, k| if t[k] < t[least] { k } else { least });
+        t.rotate_left(least);
+        t
+    };
+    let mut order: Vec<([u32; 3], u32)> = triangles.iter().map(turned).zip(0..).collect();
+    // Sorted by index among equal ones, so that the first copy comes first.
+    order.par_sort_unstable();
+    let mut first: Vec<u32> = vec![0; triangles.len()];
+    let mut last: Option<([u32; 3], u32)> = None;
+    for (key, triangle) in order {
+        let kept = last.filter(|(other, _)| *other == key).map_or(triangle, |(_, kept)| kept);
+        first[triangle as usize] = kept;
+        last = Some((key, kept));
+    }
+    first
+}
+
 impl MeshSearch {
     /// Prepares a mesh. Cost O(n log n).
     ///
@@ -94,12 +115,20 @@ impl MeshSearch {
         }
         // The tree keeps the triangles of the caller, whose numbers are reported. Signs need welded
         // vertices: the corners of a triangle soup have no neighbours.
-        let bvh = Bvh::new(mesh.triangles.len(), |t| mesh.corners(t));
-        let mut slots = vec![0; mesh.triangles.len()];
-        for (slot, &t) in bvh.triangles.iter().enumerate() {
-            slots[t as usize] = slot as u32;
-        }
         let welded = mesh.welded();
+        // Copies of a triangle are left out. A search would compare all of them, because none is nearer, and
+        // report the first one in the end.
+        let first = first_copies(&welded.triangles);
+        let kept: Vec<u32> = (0..).zip(&first).filter(|(t, first)| t == *first).map(|(t, _)| t).collect();
+        let mut bvh = Bvh::new(kept.len(), |k| mesh.corners(kept[k] as usize));
+        let mut slots = vec![0; mesh.triangles.len()];
+        for (slot, triangle) in bvh.triangles.iter_mut().enumerate() {
+            *triangle = kept[*triangle as usize];
+            slots[*triangle as usize] = slot as u32;
+        }
+        for (t, first) in first.iter().enumerate() {
+            slots[t] = slots[*first as usize];
+        }
         let table = EdgeTable::new(&welded.triangles);
         let face_normals = welded.face_normals();
         let mut edge_normals = vec![DVec3::ZERO; table.len()];

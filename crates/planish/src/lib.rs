@@ -113,7 +113,7 @@ pub use job::Job;
 pub use planish_core::{
     DVec3, Error, ErrorKind, Finding, FindingCode, FindingLevel, Length, Result, Setting, Unit,
 };
-pub use planish_core::{finding, progress};
+pub use planish_core::{budget, finding, progress};
 pub use planish_exchange::write_as_set;
 /// Settings of the sensors' front ends.
 pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};

@@ -274,6 +274,7 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
 /// Solves with tangent edges allowed or excluded.
 fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
+    cells::check_size(&tidy)?;
     let plan = drawing_grid::DrawingGrid::new(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
     // Lines explained by oblique faces are left out of the grid. Otherwise a block in general position would

@@ -1,6 +1,6 @@
 //! Reads meshes from GLB files.
 
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::Unit;
 use crate::appearance::TexturedMesh;
 use crate::mesh_data::{PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
-use crate::source::{Source, read_file};
+use crate::source::{DATA_RATIO, Source, read_file};
 
 /// Maximum depth of the tree of nodes. glTF forbids cycles; the limit finds them.
 const MAX_DEPTH: usize = 64;
@@ -54,7 +54,7 @@ pub(crate) fn read_scan(path: &Path) -> Result<(Scan, Option<Unit>)> {
     let mesh = read_mesh(path)?;
     let normals: Vec<(String, Vec<f64>)> =
         mesh.columns.into_iter().filter(|(name, _)| name.starts_with('n')).collect();
-    let scan = scan_of_vertices(mesh.points.into_iter(), &normals, &name)
+    let scan = scan_of_vertices(mesh.points.into_iter(), &normals, &name, &Budget::of_process())
         .map_err(|e| e.in_context(path.display()))?;
     Ok((scan, mesh.unit))
 }
@@ -128,6 +128,9 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
         return Err(Error::unsupported(format!("byte 4: expected version 2 of glTF, found {version}")));
     }
     let json = chunk(source, JSON_CHUNK)?;
+    // The tree of the document takes some 24 bytes per byte of its text.
+    let length = json.len() as u64;
+    Budget::of_compressed(length, DATA_RATIO).take_elements(length, 24, "bytes of JSON")?;
     // Untyped, so that malformed parts that are not needed, such as cameras, do not prevent reading the mesh.
     let document: Value = serde_json::from_slice(&json)
         .map_err(|e| Error::input(format!("the JSON chunk is malformed (line {} of it): {e}", e.line())))?;
@@ -144,7 +147,9 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
         true => Vec::new(),
         false => chunk(source, BINARY_CHUNK)?,
     };
-    take(File { document: &document, binary: &binary })
+    // Nodes may repeat a mesh, so that a small file describes a large scene.
+    let budget = Budget::of_compressed(binary.len() as u64, DATA_RATIO);
+    take(File { document: &document, binary: &binary, budget })
 }
 
 /// Reads the next chunk, which must have the given type.
@@ -209,6 +214,7 @@ impl Transform {
 struct File<'a> {
     document: &'a Value,
     binary: &'a [u8],
+    budget: Budget,
 }
 
 /// Columns and the attributes that store them.
@@ -324,6 +330,9 @@ impl File<'_> {
                      repeated meshes: export one copy"
                 )));
             }
+            // With all columns that this reader knows.
+            let bytes = (size_of::<DVec3>() + 7 * size_of::<f64>()) as u64;
+            self.budget.take_elements(positions.count as u64, bytes, "vertices")?;
             for vertex in 0..positions.count {
                 let point = transform.apply(positions.vector(vertex));
                 if !point.is_finite() {
@@ -400,6 +409,7 @@ impl File<'_> {
         if corners % 3 != 0 {
             return Err(Error::input(format!("expected three corners per triangle, found {corners} in all")));
         }
+        self.budget.take_elements((corners / 3) as u64, size_of::<[u32; 3]>() as u64, "triangles")?;
         for triangle in 0..corners / 3 {
             let mut made = [0; 3];
             for (k, to) in made.iter_mut().enumerate() {

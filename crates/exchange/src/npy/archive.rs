@@ -1,6 +1,6 @@
 //! Reads NPZ files: named arrays in a ZIP archive.
 
-use planish_core::DVec3;
+use planish_core::{Budget, DVec3};
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -13,7 +13,7 @@ use zip::result::ZipError;
 use super::array::Array;
 use super::{collect, scan_from};
 use crate::points::PointColumns;
-use crate::source::{MAX_DEFLATE_RATIO, Source, open_file};
+use crate::source::{DATA_RATIO, MAX_DEFLATE_RATIO, Source, open_file};
 
 type Archive = ZipArchive<BufReader<File>>;
 
@@ -36,13 +36,14 @@ fn damaged(e: ZipError) -> Error {
     }
 }
 
-fn open_archive(path: &Path) -> Result<Archive> {
-    let (file, _) = open_file(path)?;
-    ZipArchive::new(BufReader::new(file)).map_err(damaged)
+fn open_archive(path: &Path) -> Result<(Archive, Budget)> {
+    let (file, length) = open_file(path)?;
+    let budget = Budget::of_compressed(length.unwrap_or(0), DATA_RATIO);
+    Ok((ZipArchive::new(BufReader::new(file)).map_err(damaged)?, budget))
 }
 
 /// Opens an entry, if its packed size can hold the declared size.
-fn entry(archive: &mut Archive, number: usize) -> Result<Source<impl Read + '_>> {
+fn entry<'a>(archive: &'a mut Archive, number: usize, budget: &Budget) -> Result<Source<impl Read + 'a>> {
     let entry = archive.by_index(number).map_err(damaged)?;
     let (packed, promised) = (entry.compressed_size(), entry.size());
     if promised > packed.saturating_mul(MAX_DEFLATE_RATIO).saturating_add(MAX_DEFLATE_RATIO) {
@@ -50,7 +51,7 @@ fn entry(archive: &mut Archive, number: usize) -> Result<Source<impl Read + '_>>
             "{packed} compressed bytes cannot unpack to {promised}: the archive is damaged"
         )));
     }
-    Ok(Source::new(entry, Some(promised)))
+    Ok(Source::new(entry, Some(promised)).with_budget(budget.clone()))
 }
 
 /// Use of an array of an archive.
@@ -79,7 +80,8 @@ fn role(name: &str) -> Role {
 }
 
 fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
-    let mut archive = open_archive(path)?;
+    // One budget for all arrays, so that many of them cannot take more than one.
+    let (mut archive, budget) = open_archive(path)?;
     let mut entries: Vec<(usize, String)> = Vec::new();
     for number in 0..archive.len() {
         // Raw, because a name is needed even of an entry whose compression is not supported.
@@ -90,7 +92,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     }
     // `numpy.savez` names a single array `arr_0`, so its name is not required.
     if let [(number, array)] = &entries[..] {
-        let source = entry(&mut archive, *number);
+        let source = entry(&mut archive, *number, &budget);
         return source
             .and_then(|source| scan_from(source, name))
             .map_err(|e| e.in_context(format_args!("array `{array}`")));
@@ -119,14 +121,15 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     })?;
     // Each array gets its own reader of the archive: a ZIP reader can stream one entry at a time, and all
     // arrays are read in step.
-    let mut archives = wanted.iter().map(|_| open_archive(path)).collect::<Result<Vec<_>>>()?;
+    let mut archives =
+        wanted.iter().map(|_| open_archive(path).map(|(archive, _)| archive)).collect::<Result<Vec<_>>>()?;
     let mut arrays = Vec::with_capacity(wanted.len());
     for (archive, (number, array, role)) in archives.iter_mut().zip(&wanted) {
         let (width, inner) = match role {
             Role::Family(names) => (names.len() as u64, 1),
             _ => (1, 0),
         };
-        let opened = entry(archive, *number).and_then(|source| {
+        let opened = entry(archive, *number, &budget).and_then(|source| {
             let opened = Array::open(source, inner)?;
             let last = opened.shape().last().copied().unwrap_or(0);
             if opened.is_structured()
@@ -154,7 +157,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     }
     let mut scan = collect(arrays, found, false, name)?;
     if let Some((number, _)) = entries.iter().find(|(_, name)| role(name) == Role::Viewpoint) {
-        let read = entry(&mut archive, *number).and_then(viewpoint);
+        let read = entry(&mut archive, *number, &budget).and_then(viewpoint);
         scan.viewing = Viewing::Origin(read.map_err(|e| e.in_context("array `viewpoint`"))?);
     }
     Ok(scan)

@@ -2,6 +2,7 @@
 
 use std::io::Read;
 
+use planish_core::Budget;
 use planish_estimate::{Error, Result};
 
 use super::MAX_COLUMNS;
@@ -33,6 +34,11 @@ impl<R: Read> Array<R> {
         // With one axis, Fortran and C order are the same.
         if made.header.columns_first && made.header.shape.len() > 1 {
             let byte = made.source.offset();
+            made.budget().take_elements(
+                elements,
+                bytes / elements.max(1),
+                "elements of a transposed array",
+            )?;
             let size = usize::try_from(bytes)
                 .map_err(|_| Error::unsupported("the array is too large for this computer"))?;
             let all = made.source.bytes(size)?.ok_or_else(|| {
@@ -67,6 +73,11 @@ impl<R: Read> Array<R> {
         let shape: Vec<String> = self.header.shape.iter().map(u64::to_string).collect();
         let kind = if self.header.structured { " structured" } else { "" };
         Error::input(format!("expected an array {expected}, found a{kind} shape ({})", shape.join(", ")))
+    }
+
+    /// The memory that the file may take.
+    pub(super) fn budget(&self) -> &Budget {
+        self.source.budget()
     }
 
     pub(super) fn shape(&self) -> &[u64] {

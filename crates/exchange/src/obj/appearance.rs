@@ -1,7 +1,7 @@
 //! Reads texture coordinates, parts and materials of OBJ files.
 
 use planish_core::{Finding, FindingCode};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use planish_estimate::{Error, Result};
@@ -17,6 +17,8 @@ pub(super) struct AppearanceReader {
     /// Texture coordinates of the current face.
     face: Vec<u32>,
     triangles: Vec<[u32; 3]>,
+    /// Number of triangles of the faces before.
+    finished: usize,
     farthest: Farthest,
     /// Parts in the order of their first line.
     parts: Vec<MeshPart>,
@@ -61,6 +63,11 @@ impl AppearanceReader {
         Ok(())
     }
 
+    /// Number of parts that the next faces belong to.
+    pub fn current_parts(&self) -> usize {
+        self.current.iter().map(Vec::len).sum()
+    }
+
     /// Makes the named parts the current ones of their kind.
     fn begin(&mut self, kind: PartKind, names: Vec<String>) {
         let own = kind as usize;
@@ -87,12 +94,14 @@ impl AppearanceReader {
         self.face.push(uv.unwrap_or(NO_UV));
     }
 
+    /// Adds a triangle of the current face, by the numbers of its corners in the face.
+    pub fn add_triangle(&mut self, corners: [usize; 3]) {
+        self.triangles.push(corners.map(|k| self.face[k]));
+    }
+
     /// Ends a face; `triangles` is the number of triangles of the mesh, those of this face included.
     pub fn finish_face(&mut self, triangles: usize) {
-        let first = self.triangles.len() as u32;
-        if let [corner, rest @ ..] = &self.face[..] {
-            self.triangles.extend(rest.windows(2).map(|pair| [*corner, pair[0], pair[1]]));
-        }
+        let first = std::mem::replace(&mut self.finished, triangles) as u32;
         for part in self.current.iter().flatten() {
             self.parts[*part].triangles.extend(first..triangles as u32);
         }
@@ -119,6 +128,8 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     };
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut pictures: BTreeMap<String, PathBuf> = BTreeMap::new();
+    // Each library is read once, however often the file names it.
+    let mut read: BTreeSet<PathBuf> = BTreeSet::new();
     for line in &appearance.libraries {
         // Exporters write names with blanks, but the format also allows several names per line. The whole
         // line is tried first.
@@ -127,7 +138,7 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
             true => vec![single_path],
             false => line.split_ascii_whitespace().map(|name| folder.join(name)).collect(),
         };
-        for name in names {
+        for name in names.into_iter().filter(|name| read.insert(name.clone())) {
             if name.is_file() {
                 pictures.extend(read_materials(&name)?);
                 made.files.push(name);

@@ -169,3 +169,14 @@ proptest! {
         let _ = scan(&text);
     }
 }
+
+#[test]
+fn a_face_in_very_many_groups_is_rejected() {
+    let budget = planish_core::Budget::with_max(10_000_000, 1000);
+    let groups: String = (0..10_000).map(|k| format!(" g{k}")).collect();
+    let text = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\ng{groups}\n{}", "f 1 2 3\n".repeat(10_000));
+    let mut source = Source::new(std::io::Cursor::new(text), None).with_budget(budget);
+    let error =
+        Obj::read(&mut source, Some(AppearanceReader::default())).err().expect("too many").to_string();
+    assert!(error.contains("triangles (line"), "{error}");
+}

@@ -237,8 +237,14 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                     continue;
                 }
                 list.clear();
-                // Grown item by item, so that a damaged length reserves no memory before the file ends.
+                // Grown item by item, so that a damaged length reserves no memory before the file ends. All
+                // lists share the memory of the longest.
                 for _ in 0..items {
+                    if list.len() == list.capacity() {
+                        let bytes = size_of::<f64>() as u64;
+                        let what = format_args!("list items ({place})");
+                        source.budget().take_elements(list.len() as u64, bytes, what)?;
+                    }
                     list.push(property.number.decode::<BIG>(source.bytes(size)?.ok_or_else(ends)?));
                 }
             }

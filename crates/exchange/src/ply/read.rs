@@ -12,6 +12,7 @@ use super::header::{Element, Encoding, Header, read_header};
 use crate::Unit;
 use crate::mesh_data::PolygonMesh;
 use crate::points::{PointCollector, PointColumns};
+use crate::polygon::split_polygon;
 use crate::source::{Source, read_file};
 
 /// Reads the points of a scan with their uncertainties, normals and sampling grid.
@@ -156,11 +157,12 @@ fn index_list(element: &Element) -> Result<usize> {
     })
 }
 
-pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
+pub(crate) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
     let header = read_header(source)?;
     let (vertex, names) = vertices(&header)?;
     let columns = PointColumns::find(&names).map_err(|e| e.in_context("element `vertex`"))?;
-    let mut collector = PointCollector::new(columns, check_count(source, vertex, header.encoding)?);
+    let mut collector =
+        PointCollector::new(columns, check_count(source, vertex, header.encoding)?, source.budget());
     let mut grid = None;
     for element in &header.elements {
         match element.name.as_str() {
@@ -214,7 +216,9 @@ fn range_grid<R: Read>(
     }
     let list = index_list(element)?;
     let mut cells = Vec::with_capacity(check_count(source, element, header.encoding)?);
+    let budget = source.budget().clone();
     read_rows(source, element, header.encoding, Some(list), |row: &Row| {
+        budget.take_elements(1, size_of::<u32>() as u64, format_args!("cells ({})", row.place))?;
         cells.push(match *row.list {
             [] => RangeGrid::EMPTY,
             [index] => index_below(index, vertices, row.place)?,
@@ -236,7 +240,7 @@ fn range_grid<R: Read>(
     })
 }
 
-pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
+pub(crate) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let header = read_header(source)?;
     let (vertex, names) = vertices(&header)?;
     let position = ["x", "y", "z"].map(|axis| names.iter().position(|n| *n == axis));
@@ -254,6 +258,8 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
         unit: header.unit,
         ..PolygonMesh::default()
     };
+    let budget = source.budget().clone();
+    let bytes = (size_of::<DVec3>() + others.len() * size_of::<f64>()) as u64;
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" => {
@@ -267,6 +273,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                             row.place, point[0], point[1], point[2]
                         )));
                     }
+                    budget.take_elements(1, bytes, format_args!("vertices ({})", row.place))?;
                     mesh.points.push(point);
                     for ((_, column), &k) in mesh.columns.iter_mut().zip(&others) {
                         column.push(row.values[k]);
@@ -276,6 +283,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
             }
             "face" => {
                 let list = index_list(element)?;
+                let mut corners: Vec<u32> = Vec::new();
                 mesh.triangles.reserve(check_count(source, element, header.encoding)?);
                 read_rows(source, element, header.encoding, Some(list), |row| {
                     if row.list.len() < 3 {
@@ -285,14 +293,15 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                             row.list.len()
                         )));
                     }
-                    // A polygon becomes a fan around its first corner.
-                    let first = index_below(row.list[0], vertex.count, row.place)?;
-                    let mut last = index_below(row.list[1], vertex.count, row.place)?;
-                    for &corner in &row.list[2..] {
-                        let corner = index_below(corner, vertex.count, row.place)?;
-                        mesh.triangles.push([first, last, corner]);
-                        last = corner;
+                    let (count, bytes) = (row.list.len() as u64 - 2, size_of::<[u32; 3]>() as u64);
+                    budget.take_elements(count, bytes, format_args!("triangles ({})", row.place))?;
+                    corners.clear();
+                    for corner in row.list {
+                        corners.push(index_below(*corner, vertex.count, row.place)?);
                     }
+                    let at = |k: usize| mesh.points.get(corners[k] as usize).copied();
+                    let add = |t: [usize; 3]| mesh.triangles.push(t.map(|k| corners[k]));
+                    split_polygon(corners.len(), at, add);
                     Ok(())
                 })?;
             }

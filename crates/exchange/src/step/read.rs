@@ -23,7 +23,7 @@ mod topology;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-use planish_core::BoundingBox;
+use planish_core::{BoundingBox, Budget, DVec3};
 use planish_estimate::{Error, Result};
 use planish_solid::parametric::{Fineness, Meshed};
 
@@ -38,6 +38,9 @@ use topology::{Builder, Read as ReadShape};
 /// Maximum number of parts of an assembly: parts multiply through nested assemblies, so a small file could
 /// request any number.
 const MAX_PARTS: usize = 100_000;
+/// Bytes of memory that triangles may take per byte of the file. A face of some hundred bytes has a few
+/// hundred points of a hundred bytes each (decision 0089).
+const TRIANGLE_RATIO: u64 = 64;
 /// Minimum distance at which points are merged, as a share of the size. Used if the file states no
 /// uncertainty or a smaller one; it absorbs the rounding of coordinates.
 const MIN_TOLERANCE_SHARE: f64 = 1e-7;
@@ -56,6 +59,8 @@ pub struct StepFaces {
     shapes: Vec<Placed>,
     unit: Option<Unit>,
     size: f64,
+    /// Size of the file in bytes, which limits its triangles.
+    length: u64,
 }
 
 /// The faces of a file as triangles.
@@ -217,8 +222,8 @@ impl StepFaces {
                 false => format!("expected faces, found only {}", kinds.join(", ")),
             }));
         }
-        let size = size_of(&shapes);
-        Ok(Self { shapes, unit, size })
+        let size = extent_of(&shapes);
+        Ok(Self { shapes, unit, size, length: bytes.len() as u64 })
     }
 
     /// Triangulates all faces.
@@ -228,11 +233,12 @@ impl StepFaces {
     /// `Input` if no face can be triangulated.
     pub fn triangles(&self, fineness: &Fineness) -> Result<StepMesh> {
         let mut mesh = StepMesh::default();
+        let budget = Budget::of_compressed(self.length, TRIANGLE_RATIO);
         for placed in &self.shapes {
             let shape = &placed.read.shape;
             let made = match shape.faces.is_empty() {
                 true => Meshed::default(),
-                false => shape.triangles(fineness)?,
+                false => shape.triangles_within(fineness, &budget)?,
             };
             let failed = made.skipped.iter().map(|l| {
                 let face = &shape.faces[l.face];
@@ -244,6 +250,8 @@ impl StepFaces {
             mesh.unreadable.extend(failed);
             for motion in &placed.motions {
                 for part in &made.parts {
+                    let bytes = (size_of::<DVec3>() + 2 * size_of::<[u32; 3]>()) as u64;
+                    budget.take_elements(part.positions.len() as u64, bytes, "points of placed parts")?;
                     mesh.faces += part.faces.len();
                     // Placements share the triangulation, which is the expensive part.
                     let mut triangles = part.triangles.clone();
@@ -331,7 +339,7 @@ fn extent(read: &ReadShape) -> f64 {
 
 /// Diagonal of the bounding box of all placed shapes; their own boxes are enough, because only an order of
 /// size is required.
-fn size_of(shapes: &[Placed]) -> f64 {
+fn extent_of(shapes: &[Placed]) -> f64 {
     let corners = shapes.iter().flat_map(|placed| {
         let own = placed.read.shape.bounds();
         let moved = placed.motions.iter().flat_map(move |m| own.map(|b| b.corners().map(|p| m.apply(p))));

@@ -2,31 +2,76 @@
 
 use planish_solid::views::LineStyle;
 use roxmltree::{Document, Node};
+use std::collections::HashMap;
 
 /// Minimum ratio of the longest to the shortest dash of a centre line. Hidden lines have equal dashes; centre
 /// lines alternate long dashes with dots. Guarded by `dashes_are_hidden_lines_and_dash_dots_centre_lines`.
 const CENTRE_LINE_RATIO: f64 = 1.5;
 
-/// Class names of `<style>` sheets with their declarations.
-pub(super) struct Sheet(Vec<(String, String)>);
+/// The classes of `<style>` sheets.
+///
+/// Rules are parsed once, not for each element: a long sheet times many elements would take hours.
+pub(super) struct Sheet(HashMap<String, Declared>);
+
+/// What rules declare, each with the number of its rule: of several rules, the last one counts.
+#[derive(Clone, Copy, Default)]
+struct Declared {
+    is_shown: Option<(usize, bool)>,
+    line: Option<(usize, Option<LineStyle>)>,
+}
+
+impl Declared {
+    /// The declarations of a rule or attribute; `number` is its position among those that may apply.
+    fn parse(declarations: &str, number: usize) -> Self {
+        let mut declared = Self::default();
+        for (name, value) in declarations.split(';').filter_map(|d| d.split_once(':')) {
+            declared = declared.followed_by(Self::parse_one(name.trim(), value.trim(), number));
+        }
+        declared
+    }
+
+    fn parse_one(name: &str, value: &str, number: usize) -> Self {
+        match (name, value) {
+            ("display", "none") | ("visibility", "hidden" | "collapse") => {
+                Self { is_shown: Some((number, false)), ..Self::default() }
+            }
+            ("visibility", "visible") => Self { is_shown: Some((number, true)), ..Self::default() },
+            ("stroke-dasharray", "inherit") => Self::default(),
+            ("stroke-dasharray", _) => Self { line: Some((number, dashed(value))), ..Self::default() },
+            _ => Self::default(),
+        }
+    }
+
+    /// Both together. Of two values, the one of the later rule counts, and of one rule that of `other`.
+    fn followed_by(self, other: Self) -> Self {
+        Self { is_shown: later(self.is_shown, other.is_shown), line: later(self.line, other.line) }
+    }
+}
+
+fn later<T>(first: Option<(usize, T)>, second: Option<(usize, T)>) -> Option<(usize, T)> {
+    match (first, second) {
+        (Some(a), Some(b)) => Some(if b.0 >= a.0 { b } else { a }),
+        (a, b) => b.or(a),
+    }
+}
 
 impl Sheet {
     /// Collects the class rules of all `<style>` elements.
     pub(super) fn parse(document: &Document<'_>) -> Self {
         let texts =
             document.descendants().filter(|n| n.tag_name().name() == "style").filter_map(|n| n.text());
-        let mut rules = Vec::new();
-        for text in texts {
-            for rule in text.split('}') {
-                let Some((names, declarations)) = rule.split_once('{') else {
-                    continue;
-                };
-                for name in names.split(',').filter_map(|n| n.trim().strip_prefix('.')) {
-                    rules.push((name.trim().to_owned(), declarations.to_owned()));
-                }
+        let mut classes: HashMap<String, Declared> = HashMap::new();
+        for (number, rule) in texts.flat_map(|text| text.split('}')).enumerate() {
+            let Some((names, declarations)) = rule.split_once('{') else {
+                continue;
+            };
+            let declared = Declared::parse(declarations, number);
+            for name in names.split(',').filter_map(|n| n.trim().strip_prefix('.')) {
+                let class = classes.entry(name.trim().to_owned()).or_default();
+                *class = class.followed_by(declared);
             }
         }
-        Self(rules)
+        Self(classes)
     }
 }
 
@@ -67,33 +112,19 @@ impl Style {
         }
         for attribute in ["stroke-dasharray", "display", "visibility"] {
             if let Some(value) = node.attribute(attribute) {
-                self.declare(attribute, value);
+                self.declare(Declared::parse_one(attribute, value, 0));
             }
         }
         // In the order of CSS precedence: attributes, then class rules, then the attribute `style`.
-        for (name, declarations) in &sheet.0 {
-            if classes.contains(&name.as_str()) {
-                self.declare_all(declarations);
-            }
-        }
-        self.declare_all(node.attribute("style").unwrap_or_default());
+        let of_classes = classes.iter().filter_map(|name| sheet.0.get(*name));
+        self.declare(of_classes.fold(Declared::default(), |all, class| all.followed_by(*class)));
+        self.declare(Declared::parse(node.attribute("style").unwrap_or_default(), 0));
         self
     }
 
-    fn declare_all(&mut self, declarations: &str) {
-        for (name, value) in declarations.split(';').filter_map(|d| d.split_once(':')) {
-            self.declare(name.trim(), value.trim());
-        }
-    }
-
-    fn declare(&mut self, name: &str, value: &str) {
-        match (name, value) {
-            ("display", "none") | ("visibility", "hidden" | "collapse") => self.is_shown = false,
-            ("visibility", "visible") => self.is_shown = true,
-            ("stroke-dasharray", "inherit") => {}
-            ("stroke-dasharray", _) => self.line = dashed(value),
-            _ => {}
-        }
+    fn declare(&mut self, declared: Declared) {
+        self.is_shown = declared.is_shown.map_or(self.is_shown, |(_, is_shown)| is_shown);
+        self.line = declared.line.map_or(self.line, |(_, line)| line);
     }
 }
 

@@ -229,3 +229,26 @@ fn meshes_without_triangles_are_rejected() {
     let broken = TriangleMesh { positions: vec![], triangles: vec![[0, 1, 2]] };
     assert_eq!(MeshSearch::try_new(&broken).unwrap_err().kind(), ErrorKind::Input);
 }
+
+/// Copies of a triangle change no answer, whatever their corner comes first. The tree leaves them out, because
+/// every search would compare all of them.
+#[test]
+fn copies_of_triangles_change_no_answer() {
+    let ball = icosphere(1.0, 2);
+    let mut copied = ball.clone();
+    for turn in 0..3 {
+        copied.triangles.extend(ball.triangles.iter().map(|t| [0, 1, 2].map(|k| t[(k + turn) % 3])));
+    }
+    let (search, with_copies) = (MeshSearch::try_new(&ball).unwrap(), MeshSearch::try_new(&copied).unwrap());
+    assert_eq!(with_copies.bvh.triangles.len(), ball.triangles.len());
+    assert_eq!(with_copies.triangle_count(), copied.triangles.len());
+    for k in 0..50 {
+        let p = DVec3::new((f64::from(k)).sin(), (1.7 * f64::from(k)).cos(), 0.4);
+        let (a, b) = (search.closest(p).unwrap(), with_copies.closest_hinted(p, 900).unwrap());
+        assert_eq!((a.point, a.triangle), (b.point, b.triangle));
+    }
+    // A triangle of the opposite orientation is no copy: searches by normal tell them apart.
+    let mut both = ball.clone();
+    both.triangles.extend(ball.triangles.iter().map(|[a, b, c]| [*a, *c, *b]));
+    assert_eq!(MeshSearch::try_new(&both).unwrap().bvh.triangles.len(), both.triangles.len());
+}

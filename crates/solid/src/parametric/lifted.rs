@@ -31,6 +31,19 @@ impl Ring {
         self.along.rotate_left(1);
     }
 
+    /// Removes vertices that equal the next one, as edges without length leave them. At least one is kept.
+    pub(super) fn remove_repeated(&mut self) {
+        let n = self.vertices.len();
+        let mut kept: Vec<usize> =
+            (0..n).filter(|k| self.vertices[*k] != self.vertices[(k + 1) % n]).collect();
+        if kept.is_empty() && n > 0 {
+            kept.push(n - 1);
+        }
+        // Of many, in one pass: removing them one by one takes quadratic time.
+        self.vertices = kept.iter().map(|k| self.vertices[*k]).collect();
+        self.along = kept.iter().map(|k| self.along[*k]).collect();
+    }
+
     /// True if the loop uses an edge twice, once in each direction.
     pub(super) fn has_seam(&self) -> bool {
         let mut edges = self.along.clone();

@@ -4,14 +4,22 @@ use super::lifted::Ring;
 use super::outline::Outliner;
 use super::seeds::seeds;
 use super::{Fineness, ParametricCurve, ParametricEdge, ParametricFace, ParametricShape};
-use crate::tessellation::fill::Filling;
-use planish_core::DVec3;
+use crate::tessellation::fill::{Filling, too_many_points};
+use planish_core::{Budget, DVec3};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Maximum number of points of a face. It bounds time and memory; faces that need more are skipped.
-const MAX_POINTS: usize = 2_000_000;
+///
+/// A point takes about 250 bytes while its face is triangulated, and some microseconds. Faces of parts need a
+/// few thousand at the default chord error. Those that need more have a damaged coordinate.
+const MAX_POINTS: usize = 500_000;
+/// Memory of a point of the result: its position, its index and two triangles, each in the face and in the
+/// part.
+const POINT_BYTES: u64 = 2 * (size_of::<DVec3>() + size_of::<u32>() + 2 * size_of::<[u32; 3]>()) as u64;
+/// Number of faces that are triangulated before their points are taken from the budget.
+const FACES_AT_ONCE: usize = 256;
 /// Maximum number of times that the edges of a face are divided into finer chords if it cannot be filled.
 ///
 /// Coarse chords of neighbouring edges may cross. Each attempt costs a triangulation of the faces concerned.
@@ -103,17 +111,7 @@ impl EdgePoints {
             ring.vertices.push(end);
             ring.along.push(usize::MAX);
         }
-        // Edges without length leave equal neighbours.
-        let mut k = 0;
-        while k < ring.vertices.len() && ring.vertices.len() > 1 {
-            let next = ring.vertices[(k + 1) % ring.vertices.len()];
-            if next == ring.vertices[k] {
-                ring.vertices.remove(k);
-                ring.along.remove(k);
-            } else {
-                k += 1;
-            }
-        }
+        ring.remove_repeated();
         if !is_outward {
             ring.reverse();
         }
@@ -173,6 +171,14 @@ impl ParametricShape {
     /// [`Input`](planish_estimate::ErrorKind::Input) if the fineness is not positive, or an index does not
     /// exist.
     pub fn triangles(&self, fineness: &Fineness) -> Result<Meshed> {
+        self.triangles_within(fineness, &Budget::of_process())
+    }
+
+    /// As [`Self::triangles`], with the memory of a budget.
+    ///
+    /// # Errors
+    /// As [`Self::triangles`]; `Unsupported`, naming the face, if the triangles take more than the budget.
+    pub fn triangles_within(&self, fineness: &Fineness, budget: &Budget) -> Result<Meshed> {
         self.check(fineness)?;
         let mut points =
             EdgePoints { positions: self.vertices.clone(), of_edge: vec![Vec::new(); self.edges.len()] };
@@ -187,13 +193,23 @@ impl ParametricShape {
                 let chord = finer * fineness.chord;
                 points.cut(self, edge, &Fineness { chord, ..*fineness });
             }
-            let made: Vec<(usize, Result<Filled>)> = (0..self.faces.len())
-                .into_par_iter()
-                .filter(|face| filled[*face].is_none())
-                .map(|face| (face, self.fill(&self.faces[face], &points, fineness)))
-                .collect();
+            let open: Vec<usize> = (0..self.faces.len()).filter(|face| filled[*face].is_none()).collect();
+            let mut made: Vec<(usize, Result<Filled>)> = Vec::with_capacity(open.len());
+            for some in open.chunks(FACES_AT_ONCE) {
+                made.par_extend(
+                    some.par_iter().map(|face| (*face, self.fill(&self.faces[*face], &points, fineness))),
+                );
+                // Taken face by face in their order, so that the budget ends at the same face in every run.
+                for (face, filled) in made[made.len() - some.len()..].iter() {
+                    let count = filled.as_ref().map_or(0, |filled| filled.triangles.len() as u64 / 2 + 1);
+                    let named = |e: Error| e.in_context(format_args!("face {}", self.faces[*face].name));
+                    budget.take_elements(count, POINT_BYTES, "points of triangles").map_err(named)?;
+                }
+            }
             for (face, result) in made {
-                if result.is_err() && attempt < MAX_ATTEMPTS {
+                // Finer chords do not help if there are too many points: only such errors name a setting.
+                let is_coarse = result.as_ref().is_err_and(|e| e.settings().is_empty());
+                if is_coarse && attempt < MAX_ATTEMPTS {
                     outdated.extend(self.faces[face].loops.iter().flatten().map(|(edge, _)| *edge));
                 }
                 filled[face] = Some(result);
@@ -250,6 +266,10 @@ impl ParametricShape {
         });
         if rings.is_empty() && face.loops.iter().any(|l| !l.is_empty()) && face.surface.poles().is_empty() {
             return Err(Error::unsupported("its loops have fewer than three points"));
+        }
+        let corners: usize = rings.iter().map(|ring| ring.vertices.len()).sum();
+        if corners > MAX_POINTS {
+            return Err(too_many_points(corners));
         }
         // A numbering of its own for each face, so that the triangulation does not depend on the other faces
         // and faces can be filled in parallel.

@@ -7,9 +7,7 @@
 use super::lifted::{Lifted, Lifter, Ring};
 use super::surface::{Feet, ParametricSurface};
 use super::{Fineness, ParametricFace};
-use crate::tessellation::polygon::{
-    Corner, contains, part_touching, segments_cross, shift_into_outer, signed_area,
-};
+use crate::tessellation::polygon::{Corner, part_touching, segments_cross, shift_into_outer, signed_area};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
@@ -17,6 +15,8 @@ use planish_estimate::{Error, Result};
 const AROUND_POLE: usize = 24;
 /// Maximum number of sides of a line of one parameter. It bounds the number of points.
 const MAX_SIDES: usize = 4096;
+/// Maximum number of sides that are tested to find a bridge, about a second.
+const MAX_BRIDGE_TESTS: usize = 50_000_000;
 
 /// The polygons of a face.
 pub(super) struct Outline {
@@ -403,7 +403,10 @@ impl<'a> Outliner<'a> {
                 })
             })
         };
-        let bridge = pairs.iter().take(20_000).find(|(_, i, j)| is_free(&on[*i], &back[*j]));
+        // Each test visits all sides, so there are fewer tests for long loops.
+        let sides: usize = loops.iter().map(|l| l.len()).sum();
+        let tests = (MAX_BRIDGE_TESTS / sides.max(1)).clamp(1, 20_000);
+        let bridge = pairs.iter().take(tests).find(|(_, i, j)| is_free(&on[*i], &back[*j]));
         let Some(&(_, i, j)) = bridge else {
             return Err(Error::unsupported("no bridge between the loops around the surface was found"));
         };
@@ -476,9 +479,4 @@ fn reversed_pair(mut low: Vec<Corner>, mut high: Vec<Corner>) -> [Vec<Corner>; 2
     low.reverse();
     high.reverse();
     [high, low]
-}
-
-/// True if a point lies in an odd number of polygons.
-pub(super) fn is_inside_polygons(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
-    polygons.iter().filter(|polygon| contains(polygon, p)).count() % 2 == 1
 }

@@ -3,10 +3,11 @@
 //!
 //! A triangulation of the boundary alone needs many refinements on curved faces, and its triangles are long.
 
-use super::outline::{Outline, is_inside_polygons};
+use super::outline::Outline;
 use super::{Fineness, ParametricSurface};
+use crate::tessellation::fill::too_many_points;
 use crate::tessellation::polygon::Corner;
-use planish_core::{BoundingBox, DVec3};
+use planish_core::{BoundingBox, DVec3, Setting};
 use planish_estimate::{Error, Result};
 
 /// Number of intervals along each parameter at which second differences are taken.
@@ -38,22 +39,20 @@ pub(super) fn seeds(
     let spacing = spacings(surface, lo, hi, steps, fineness);
     let n = [0, 1].map(|c| (width[c] / spacing[c]).ceil().clamp(1.0, 1e6) as usize);
     if n[0].saturating_mul(n[1]) > limit {
-        return Err(Error::unsupported(format!(
-            "too many points (about {}): use a larger chord error or longest side",
-            n[0].saturating_mul(n[1])
-        )));
+        return Err(too_many_points(n[0].saturating_mul(n[1])));
     }
     let cell = [0, 1].map(|c| width[c] / n[c] as f64);
     let apart = MIN_BORDER_DISTANCE * cell[0].min(cell[1]);
     let mut found = Vec::new();
+    let mut rows = Rows::new(&outline.polygons, apart);
     for j in 1..n[1] {
         let y = lo[1] + cell[1] * j as f64;
-        let sides = sides_near(&outline.polygons, y, apart);
+        let row = rows.next(y, lo[0], cell[0], n[0])?;
         for i in 1..n[0] {
             let at = [lo[0] + cell[0] * i as f64, y];
-            // Only sides near this row are tested, as the distance is the costly part.
-            let is_off = sides.iter().all(|side| off(*side, at) > apart);
-            if is_off && is_inside_polygons(&outline.polygons, at) {
+            // Inside if an odd number of sides lies to the right.
+            let is_inside = (row.crossings.len() - row.crossings.partition_point(|x| *x <= at[0])) % 2 == 1;
+            if is_inside && !row.is_near[i] {
                 let vertex = positions.len() as u32;
                 positions.push(surface.point([at[0] / steps[0], at[1] / steps[1]]));
                 found.push(Corner { vertex, at });
@@ -108,10 +107,70 @@ fn spacings(
     })
 }
 
-/// Sides of polygons within a distance of a value of the second coordinate.
-fn sides_near(polygons: &[Vec<Corner>], y: f64, apart: f64) -> Vec<[[f64; 2]; 2]> {
-    let sides = polygons.iter().flat_map(|p| (0..p.len()).map(move |k| [p[k].at, p[(k + 1) % p.len()].at]));
-    sides.filter(|[a, b]| a[1].min(b[1]) <= y + apart && a[1].max(b[1]) >= y - apart).collect()
+/// Maximum number of tests of a side against a row or a lattice point, about two seconds.
+///
+/// Only a polygon of very many sides that all run along a long and thin face needs more.
+const MAX_TESTS: usize = 200_000_000;
+
+/// Sweeps rows of a lattice over the sides of polygons, so that each row visits only sides near it.
+struct Rows {
+    /// Sides that no row has reached, by descending lower end.
+    waiting: Vec<[[f64; 2]; 2]>,
+    /// Sides near the current row.
+    near: Vec<[[f64; 2]; 2]>,
+    apart: f64,
+    tests: usize,
+}
+
+/// The sides at one row.
+struct Row {
+    /// Where sides cross the row, ascending.
+    crossings: Vec<f64>,
+    /// For each lattice point of the row, true if a side is nearer than allowed.
+    is_near: Vec<bool>,
+}
+
+impl Rows {
+    fn new(polygons: &[Vec<Corner>], apart: f64) -> Self {
+        let sides =
+            polygons.iter().flat_map(|p| (0..p.len()).map(move |k| [p[k].at, p[(k + 1) % p.len()].at]));
+        let mut waiting: Vec<[[f64; 2]; 2]> = sides.collect();
+        waiting.sort_by(|[a, b], [c, d]| c[1].min(d[1]).total_cmp(&a[1].min(b[1])));
+        Self { waiting, near: Vec::new(), apart, tests: 0 }
+    }
+
+    /// The row at `y`, which must not decrease; its lattice points are `count` steps apart from `start`.
+    fn next(&mut self, y: f64, start: f64, step: f64, count: usize) -> Result<Row> {
+        let (low, high) = (y - self.apart, y + self.apart);
+        while let Some([a, b]) = self.waiting.pop_if(|[a, b]| a[1].min(b[1]) <= high) {
+            self.near.push([a, b]);
+        }
+        self.near.retain(|[a, b]| a[1].max(b[1]) >= low);
+        let mut row = Row { crossings: Vec::new(), is_near: vec![false; count] };
+        for side in &self.near {
+            let [a, b] = *side;
+            if (a[1] > y) != (b[1] > y) {
+                row.crossings.push(a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
+            }
+            // Only the part of the side near the row can be near its points.
+            let share = |level: f64| ((level - a[1]) / (b[1] - a[1])).clamp(0.0, 1.0);
+            let ends = if a[1] == b[1] { [0.0, 1.0] } else { [share(low), share(high)] };
+            let [p, q] = ends.map(|share| a[0] + share * (b[0] - a[0]));
+            let index = |x: f64| (x - start) / step;
+            let first = index(p.min(q) - self.apart).floor().max(1.0) as usize;
+            let last = (index(p.max(q) + self.apart).ceil().max(0.0) as usize).min(count - 1);
+            self.tests += 1 + (last + 1).saturating_sub(first);
+            for i in first..=last {
+                row.is_near[i] |= off(*side, [start + step * i as f64, y]) <= self.apart;
+            }
+        }
+        row.crossings.sort_by(f64::total_cmp);
+        match self.tests > MAX_TESTS {
+            true => Err(Error::unsupported("its loops have too many sides for its shape")
+                .with_setting(Setting::MeshTolerance)),
+            false => Ok(row),
+        }
+    }
 }
 
 /// Distance of a point from a side.

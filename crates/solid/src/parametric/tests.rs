@@ -356,3 +356,78 @@ fn invalid_indices_are_errors_and_invalid_faces_are_skipped() {
     assert_eq!(shape.triangles(&FINE).unwrap().skipped[0].reason, reason);
     assert!(sphere().poles().iter().all(|p| p.value.abs() == FRAC_PI_2));
 }
+
+/// A polygon in the plane z = 0 as a shape of one face.
+fn polygon(corners: &[[f64; 2]]) -> ParametricShape {
+    let vertices: Vec<DVec3> = corners.iter().map(|[x, y]| DVec3::new(*x, *y, 0.0)).collect();
+    let n = vertices.len();
+    let edge = |k: usize| ParametricEdge {
+        curve: ParametricCurve::Line { origin: vertices[k], along: vertices[(k + 1) % n] - vertices[k] },
+        ends: [k, (k + 1) % n],
+        is_forward: true,
+    };
+    let edges = (0..n).map(edge).collect();
+    let plane = crate::brep::FaceSurface::Plane { origin: DVec3::ZERO, normal: DVec3::Z, x: DVec3::X };
+    let faces = vec![face(elementary(plane), true, vec![(0..n).map(|k| (k, true)).collect()])];
+    ParametricShape { vertices, edges, faces }
+}
+
+#[test]
+fn a_star_of_many_corners_is_filled() {
+    let count = 4000;
+    let corner = |k: usize| {
+        let (sin, cos) = (TAU * k as f64 / count as f64).sin_cos();
+        let radius = 1.0 + (k % 2) as f64;
+        [radius * cos, radius * sin]
+    };
+    let shape = polygon(&(0..count).map(corner).collect::<Vec<_>>());
+    let (_, area, _) = meshed(&shape, &Fineness { chord: 1e-3, longest: 0.5 });
+    near(area, (TAU / count as f64).sin() * count as f64, 1e-9);
+}
+
+/// A control point that is a thousand times too far away needs millions of points.
+#[test]
+fn a_face_with_a_far_control_point_is_skipped_with_its_reason() {
+    let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+    let mut poles: Vec<DVec3> =
+        (0..16).map(|k| DVec3::new(f64::from(k / 4), f64::from(k % 4), 0.0)).collect();
+    poles[5].z = 60_000.0;
+    let surface = SplineSurface::try_new([3, 3], [knots.clone(), knots], &poles, None).unwrap();
+    let faces = vec![face(ParametricSurface::Spline(Box::new(surface)), true, Vec::new())];
+    let shape = ParametricShape { faces, ..ParametricShape::default() };
+    let made = shape.triangles(&Fineness { chord: 1e-3, longest: 0.1 }).unwrap();
+    assert!(made.skipped[0].reason.contains("a coordinate may be damaged"), "{:?}", made.skipped);
+}
+
+#[test]
+fn copies_of_a_face_count_once_and_triangles_end_with_the_budget() {
+    let mut shape = polygon(&[[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]]);
+    let copy = shape.faces[0].clone();
+    let mut turned = copy.clone();
+    turned.loops[0].rotate_left(2);
+    let mut other_side = copy.clone();
+    other_side.is_outward = false;
+    shape.faces.extend([turned, other_side, copy]);
+    let every = shape.clone();
+    shape.weld(1e-6);
+    assert_eq!(shape.faces.len(), 2);
+    // All faces together take the memory, and the one at which it ends is named.
+    let fineness = Fineness { chord: 1e-3, longest: 0.5 };
+    let points = shape.triangles(&fineness).unwrap().parts.iter().map(|p| p.positions.len()).sum::<usize>();
+    let budget = planish_core::Budget::with_max(150 * points as u64, 100);
+    let error = every.triangles_within(&fineness, &budget).unwrap_err().to_string();
+    assert!(error.starts_with("face face: expected an input of 100 bytes"), "{error}");
+}
+
+#[test]
+fn vertices_that_repeat_the_next_one_are_removed_in_one_pass() {
+    let ring = |vertices: &[u32]| {
+        let mut ring = lifted::Ring { vertices: vertices.to_vec(), along: (0..vertices.len()).collect() };
+        ring.remove_repeated();
+        (ring.vertices, ring.along)
+    };
+    assert_eq!(ring(&[1, 1, 2, 3, 3, 3, 1]), (vec![1, 2, 3], vec![1, 2, 5]));
+    assert_eq!(ring(&[4, 4, 4]), (vec![4], vec![2]));
+    assert_eq!(ring(&[]), (vec![], vec![]));
+    assert_eq!(ring(&[1, 2, 3]), (vec![1, 2, 3], vec![0, 1, 2]));
+}

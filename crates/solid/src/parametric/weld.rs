@@ -1,6 +1,6 @@
 //! Merges vertices and edges that a file contains more than once.
 
-use super::{ParametricEdge, ParametricShape};
+use super::{ParametricEdge, ParametricFace, ParametricShape};
 use planish_core::DVec3;
 use std::collections::HashMap;
 
@@ -38,8 +38,20 @@ fn same_points(points: &[DVec3], tolerance: f64) -> Vec<usize> {
     same
 }
 
+/// Loops in an order that does not depend on where they begin.
+fn canonical(loops: &[Vec<(usize, bool)>]) -> Vec<Vec<(usize, bool)>> {
+    let mut all: Vec<Vec<(usize, bool)>> = loops.to_vec();
+    for ring in &mut all {
+        let least = (0..ring.len()).min_by_key(|k| ring[*k]).unwrap_or(0);
+        ring.rotate_left(least);
+    }
+    all.sort_unstable();
+    all
+}
+
 impl ParametricShape {
-    /// Merges vertices within a tolerance, and edges that coincide between the same vertices.
+    /// Merges vertices within a tolerance, edges that coincide between the same vertices, and faces that are
+    /// copies of each other.
     ///
     /// Many programs write faces that share neither. Without welding, the mesh has gaps along all edges.
     pub fn weld(&mut self, tolerance: f64) {
@@ -72,6 +84,33 @@ impl ParametricShape {
             *edge = other;
             *forward ^= is_turned;
         }
+        self.remove_copies();
+    }
+
+    /// Removes faces that equal an earlier one: the same loops on the same surface. Some programs write a
+    /// face once per colour or layer, and each copy would cost as much as the first.
+    fn remove_copies(&mut self) {
+        /// Faces of equal loops that are compared. Two half spheres share their loop, but hardly more faces.
+        const COMPARED: usize = 8;
+        let mut known: HashMap<Vec<Vec<(usize, bool)>>, Vec<usize>> = HashMap::new();
+        let mut kept: Vec<ParametricFace> = Vec::with_capacity(self.faces.len());
+        for face in std::mem::take(&mut self.faces) {
+            // Whole surfaces have no loops, so that all of them would be compared.
+            if !face.loops.is_empty() {
+                let alike = known.entry(canonical(&face.loops)).or_default();
+                let is_copy = |other: &usize| {
+                    kept[*other].is_outward == face.is_outward && kept[*other].surface == face.surface
+                };
+                if alike.iter().any(is_copy) {
+                    continue;
+                }
+                if alike.len() < COMPARED {
+                    alike.push(kept.len());
+                }
+            }
+            kept.push(face);
+        }
+        self.faces = kept;
     }
 
     /// Range of the curve parameter of an edge.

@@ -4,7 +4,7 @@ use super::Points;
 use super::domain::Domain;
 use super::polygon::Corner;
 use crate::brep::{Face, FaceSurface};
-use planish_core::DVec3;
+use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
@@ -84,10 +84,7 @@ impl Filling<'_> {
                 break;
             }
             if made.num_vertices() + wanted.len() > self.max_points {
-                return Err(Error::unsupported(format!(
-                    "expected at most {} points, found more: use a larger tolerance than {}",
-                    self.max_points, self.tolerance
-                )));
+                return Err(too_many_points(made.num_vertices() + wanted.len()));
             }
             for at in wanted {
                 let vertex = positions.len() as u32;
@@ -104,9 +101,45 @@ impl Filling<'_> {
     }
 }
 
+/// The error for a face that needs too many points. It names a setting, unlike errors of the shape, which
+/// finer chords may avoid.
+pub(crate) fn too_many_points(count: usize) -> Error {
+    Error::unsupported(format!(
+        "needs {count} points or more, which is more than a face may have: a coordinate may be damaged; \
+         otherwise expected a larger chord error"
+    ))
+    .with_setting(Setting::MeshTolerance)
+}
+
 /// The error for a point that the triangulation rejects.
 fn refused(e: spade::InsertionError) -> Error {
     Error::unsupported(format!("a point cannot be placed: {e}"))
+}
+
+/// Triangles of a polygon without holes, as indices of its corners, in O(n log n). They are
+/// counter-clockwise.
+///
+/// Corners at the same position count as one.
+///
+/// # Errors
+/// `Unsupported` if sides cross, or a coordinate is not finite.
+///
+/// # Examples
+/// ```
+/// use planish_solid::tessellation::triangulate_polygon;
+/// // An arrow head, which a fan around its first corner would not fill.
+/// let triangles = triangulate_polygon(&[[1.0, 2.0], [0.0, 0.0], [2.0, 1.0], [1.0, 1.0]])?;
+/// assert_eq!(triangles.len(), 2);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub fn triangulate_polygon(corners: &[[f64; 2]]) -> Result<Vec<[u32; 3]>> {
+    let polygon: Vec<Corner> =
+        corners.iter().zip(0..).map(|(at, vertex)| Corner { vertex, at: *at }).collect();
+    let made = bounded(&[polygon], &[])?;
+    let inside = inside(&made);
+    Ok((made.inner_faces().filter(|f| inside[f.fix().index()]))
+        .map(|f| f.vertices().map(|v| v.data().vertex))
+        .collect())
 }
 
 /// The triangulation of the corners of the polygons, with their sides as constraints.
@@ -143,20 +176,23 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
 /// For each triangle, true if it is in the face: an odd number of polygon sides away from the outside.
 fn inside(made: &Triangles) -> Vec<bool> {
     let mut found: Vec<Option<bool>> = vec![None; made.num_all_faces()];
-    let outer = made.outer_face().fix().index();
-    found[outer] = Some(false);
-    let mut adjacent: Vec<Vec<(usize, bool)>> = vec![Vec::new(); made.num_all_faces()];
-    for edge in made.directed_edges() {
-        let is_side = edge.is_constraint_edge();
-        adjacent[edge.face().fix().index()].push((edge.rev().face().fix().index(), is_side));
-    }
+    found[made.outer_face().fix().index()] = Some(false);
+    let mut open = Vec::new();
     // Flood fill from the outer face: each polygon side changes the state. This needs no point location and
-    // is exact.
-    let mut open = vec![outer];
+    // is exact. The neighbours are those of the triangulation, as lists of them would double its memory.
+    for edge in made.directed_edges().filter(|edge| edge.face().is_outer()) {
+        let next = edge.rev().face().fix();
+        if found[next.index()].is_none() {
+            found[next.index()] = Some(edge.is_constraint_edge());
+            open.push(next);
+        }
+    }
     while let Some(at) = open.pop() {
-        for &(next, is_side) in &adjacent[at] {
-            if found[next].is_none() {
-                found[next] = Some(found[at].unwrap_or(false) != is_side);
+        let is_inside = found[at.index()].unwrap_or(false);
+        for edge in made.face(at).as_inner().into_iter().flat_map(|face| face.adjacent_edges()) {
+            let next = edge.rev().face().fix();
+            if found[next.index()].is_none() {
+                found[next.index()] = Some(is_inside != edge.is_constraint_edge());
                 open.push(next);
             }
         }

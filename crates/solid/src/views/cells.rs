@@ -5,7 +5,8 @@
 //! into one cell (union–find).
 
 use super::column::SurfaceId;
-use super::drawing_grid::DrawingGrid;
+use super::drawing_grid::{DrawingGrid, coordinate_counts};
+use crate::drawing::Drawing;
 use planish_core::{DVec3, DisjointSets};
 use planish_estimate::{Error, Result};
 use std::collections::HashSet;
@@ -28,6 +29,28 @@ pub(crate) struct Cells<'a> {
     slivers: HashSet<u32>,
 }
 
+/// Rejects a drawing whose grid would have far too many boxes, before any curve is placed on it.
+///
+/// The factor allows for coordinates that the grid merges; [`Cells::new`] applies the exact limit.
+///
+/// # Errors
+/// `Unsupported` if there would be more than four times [`MAX_BOXES`].
+pub(crate) fn check_size(drawing: &Drawing) -> Result<()> {
+    let n = coordinate_counts(drawing);
+    match n.into_iter().fold(1, usize::saturating_mul) > 4 * MAX_BOXES {
+        true => Err(too_many_boxes(n)),
+        false => Ok(()),
+    }
+}
+
+fn too_many_boxes(n: [usize; 3]) -> Error {
+    Error::unsupported(format!(
+        "the drawing's lines make a grid of {} x {} x {} boxes: expected at most {MAX_BOXES}; lines that end or \
+         turn at fewer places make fewer boxes",
+        n[0], n[1], n[2]
+    ))
+}
+
 /// True if the grid exceeds [`MAX_BOXES`].
 pub(crate) fn is_too_fine(plan: &DrawingGrid) -> bool {
     (0..3).map(|a| plan.intervals(a)).product::<usize>() > MAX_BOXES
@@ -41,11 +64,7 @@ impl<'a> Cells<'a> {
     pub(crate) fn new(plan: &'a DrawingGrid) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
-            return Err(Error::unsupported(format!(
-                "expected at most {MAX_BOXES} boxes between the lines of the drawing, found a grid of {} × \
-                 {} × {}: use fewer different coordinates",
-                n[0], n[1], n[2]
-            )));
+            return Err(too_many_boxes(n));
         }
         let mut first = Vec::with_capacity(n[0] * n[1] * n[2] + 1);
         let mut total = 0_usize;

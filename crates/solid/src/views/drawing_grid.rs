@@ -213,9 +213,7 @@ impl DrawingGrid {
     /// surfaces.
     pub(crate) fn without(drawing: &Drawing, explained: &BTreeSet<(usize, usize)>) -> Self {
         let size = drawing.size();
-        // A relative part for the arithmetic of exporters, and an absolute one for coordinates with six
-        // decimals.
-        let tolerance = 1e-7 * size + 2e-6;
+        let tolerance = tolerance_of(size);
         let clusters = clusters(drawing, tolerance);
         let gap = 1e-5 * size;
         let mut found: Vec<ViewCurves> = Vec::new();
@@ -365,6 +363,17 @@ fn snapped(curve: &Curve2, snap: &impl Fn(usize, f64) -> f64) -> Curve2 {
         },
         Curve2::Chain(points) => Curve2::Chain(points.clone()),
     }
+}
+
+/// Number of different coordinates of each axis at which curves end or turn; much cheaper than the grid.
+pub(crate) fn coordinate_counts(drawing: &Drawing) -> [usize; 3] {
+    clusters(drawing, tolerance_of(drawing.size())).map(|cluster| cluster.values.len())
+}
+
+/// Coordinates closer than this are equal, in a drawing of some size.
+fn tolerance_of(size: f64) -> f64 {
+    // A relative part for the arithmetic of exporters, and an absolute one for coordinates with six decimals.
+    1e-7 * size + 2e-6
 }
 
 /// Common coordinates of each axis, from ends of segments, and centres and extremes of circles.
