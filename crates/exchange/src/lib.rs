@@ -104,6 +104,7 @@ mod affine;
 mod appearance;
 mod atomic;
 mod checksum;
+mod file_kind;
 mod foreign;
 mod georeference;
 mod mesh_data;
@@ -117,6 +118,7 @@ mod split_scans;
 
 pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
+pub use file_kind::FileKind;
 pub use georeference::GeoReference;
 pub use output_set::{recover_beside, write_as_set};
 pub use planish_core::Unit;

@@ -285,7 +285,7 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let raw: BTreeMap<&str, RawTensor<'_>> = views
         .iter()
         .map(|(name, view)| {
-            (name, RawTensor { dtype: view.dtype(), shape: view.shape(), bytes: view.data() })
+            (name, RawTensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data() })
         })
         .collect();
     if schema_of(&metadata).is_some_and(|schema| schema >= FIRST_WITH_CHECKSUMS) {
@@ -297,7 +297,7 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let mut tensors = BTreeMap::new();
     for (name, raw) in &raw {
         let data = decode(raw).map_err(|e| e.in_context(format!("tensor `{name}`")))?;
-        tensors.insert((*name).to_owned(), Tensor { shape: raw.shape.to_vec(), data });
+        tensors.insert((*name).to_owned(), Tensor { shape: raw.shape.clone(), data });
     }
     Ok(ModelFile { tensors, metadata })
 }

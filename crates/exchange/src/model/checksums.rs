@@ -80,7 +80,7 @@ pub(super) fn verify_metadata(text: &str, metadata: &Value) -> Result<()> {
 /// A tensor as it lies in a file.
 pub(super) struct RawTensor<'a> {
     pub(super) dtype: Dtype,
-    pub(super) shape: &'a [usize],
+    pub(super) shape: Vec<usize>,
     pub(super) bytes: &'a [u8],
 }
 
