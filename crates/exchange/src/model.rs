@@ -288,7 +288,9 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             (name, RawTensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data() })
         })
         .collect();
-    if schema_of(&metadata).is_some_and(|schema| schema >= FIRST_WITH_CHECKSUMS) {
+    // Files of schema 1 have none, but one that has them is a later file whose version was damaged.
+    let is_old = schema_of(&metadata).is_some_and(|schema| schema < FIRST_WITH_CHECKSUMS);
+    if !is_old || checksums::are_present(&metadata) {
         // The metadata first, because they list the tensors.
         checksums::verify_metadata(text, &metadata)?;
         checksums::verify_tensors(&metadata, &raw)?;

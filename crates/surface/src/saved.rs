@@ -45,7 +45,7 @@ mod patches;
 mod ranges;
 mod reading;
 
-use crate::model::{Knowledge, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation};
+use crate::model::{Knowledge, SensorReport, SurfaceModel, VertexInformation};
 use consistency::MeanResidual;
 use planish_core::Finding;
 use planish_core::vector3::coordinates;

@@ -56,6 +56,11 @@ pub(super) fn with_checksums(mut metadata: Map<String, Value>, tensors: &BTreeMa
     Value::Object(metadata).to_string()
 }
 
+/// True if the metadata have a checksum, be it correct or not.
+pub(super) fn are_present(metadata: &Value) -> bool {
+    metadata.get(SHA256).is_some() || metadata.get(TENSORS).is_some()
+}
+
 /// Verifies the checksum of the metadata.
 ///
 /// # Errors

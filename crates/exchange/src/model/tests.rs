@@ -122,6 +122,17 @@ fn files_without_checksums_are_read_and_say_so() {
 }
 
 #[test]
+fn a_damaged_version_does_not_switch_checksums_off() {
+    let bytes = to_bytes(&model()).unwrap();
+    let version = br#"\"schema\":2"#;
+    let at = bytes.windows(version.len()).position(|w| w == version).unwrap();
+    let mut damaged = bytes;
+    damaged[at + version.len() - 1] = b'1';
+    let e = from_bytes(&damaged).unwrap_err();
+    assert!(e.to_string().contains("expected the SHA-256"), "{e}");
+}
+
+#[test]
 fn another_program_can_compute_the_checksum_of_the_metadata() {
     let mut model = model();
     // Zeros like those in place of the checksum must not confuse a reader.

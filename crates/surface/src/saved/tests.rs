@@ -2,6 +2,7 @@ use super::*;
 use crate::test_support::{assert_same_model, small_model};
 use planish_core::DVec3;
 use planish_estimate::ErrorKind;
+use planish_spline::Shape;
 use serde_json::json;
 
 fn session() -> Session {
