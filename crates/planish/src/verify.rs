@@ -212,9 +212,14 @@ fn described(info: FileInfo) -> Checked {
     let contents = match &info.contents {
         Contents::Scan(scan) => format!("scan of {} points", scan.points),
         Contents::Scans(list) => format!("{} scans of {} points", list.scans.len(), list.points),
-        Contents::Mesh(mesh) => format!("mesh of {} vertices and {} triangles", mesh.vertices, mesh.triangles),
+        Contents::Mesh(mesh) => {
+            format!("mesh of {} vertices and {} triangles", mesh.vertices, mesh.triangles)
+        }
         Contents::Model(model) => {
-            format!("{} of {} control vertices, {} readings", model.shape, model.coefficients, model.observations)
+            format!(
+                "{} of {} control vertices, {} readings",
+                model.shape, model.coefficients, model.observations
+            )
         }
     };
     Checked { contents, findings: info.findings }

@@ -46,8 +46,10 @@ pub(super) fn repair_model(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
         ] {
             // The header of a small model is shorter than this.
             let end = bytes.len().min(16_384);
-            let places: Vec<usize> =
-                (bytes[..end].windows(from.len()).enumerate()).filter(|(_, w)| *w == from).map(|(at, _)| at).collect();
+            let places: Vec<usize> = (bytes[..end].windows(from.len()).enumerate())
+                .filter(|(_, w)| *w == from)
+                .map(|(at, _)| at)
+                .collect();
             for at in places {
                 bytes[at..at + to.len()].copy_from_slice(to);
             }

@@ -44,7 +44,8 @@ pub(super) fn with_checksums(mut metadata: Map<String, Value>, tensors: &BTreeMa
     let entries = tensors.iter().map(|(name, tensor)| {
         let tensor: &Tensor = tensor;
         let digest = sha256(&View::data(&tensor));
-        let entry = json!({ "dtype": type_name(View::dtype(&tensor)), "shape": tensor.shape, SHA256: digest });
+        let entry =
+            json!({ "dtype": type_name(View::dtype(&tensor)), "shape": tensor.shape, SHA256: digest });
         (name.clone(), entry)
     });
     metadata.insert(TENSORS.to_owned(), Value::Object(entries.collect()));
@@ -105,7 +106,9 @@ pub(super) fn verify_tensors(metadata: &Value, tensors: &BTreeMap<&str, RawTenso
     }
     for (name, raw) in tensors {
         let Some(entry) = listed.get(*name) else {
-            return Err(Error::input(format!("tensor `{name}`: the metadata has no checksum of it: {WAY_OUT}")));
+            return Err(Error::input(format!(
+                "tensor `{name}`: the metadata has no checksum of it: {WAY_OUT}"
+            )));
         };
         let expected = |key: &str| entry.get(key).cloned().unwrap_or_default();
         let differs = |what: &str, expected: Value, found: Value| {

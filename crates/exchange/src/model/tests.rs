@@ -104,7 +104,9 @@ fn metadata_and_the_list_of_tensors_are_covered() {
     };
     assert!(replaced("l\u{e4}ser", "l\u{f6}ser").contains("metadata `planish`: expected the SHA-256"));
     assert!(replaced(r#"\"unit\":\"mm\""#, r#"\"unit\":\"ft\""#).contains("metadata `planish`"));
-    assert!(replaced(r#""shape":[2,3]"#, r#""shape":[3,2]"#).contains("expected the shape [2,3], found [3,2]"));
+    assert!(
+        replaced(r#""shape":[2,3]"#, r#""shape":[3,2]"#).contains("expected the shape [2,3], found [3,2]")
+    );
     assert!(replaced(r#""none":"#, r#""gone":"#).contains("expected the tensor `none`"));
     assert!(replaced(r#"\"tensors\""#, r#"\"sensor2\""#).contains("metadata `planish`"));
 }
@@ -154,9 +156,7 @@ fn foreign_and_newer_files_have_their_own_messages() {
     assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("newer Planish"), "{e}");
     assert!(from_bytes(&write(Some("{}"))).unwrap_err().to_string().contains("expected a schema"));
     assert!(from_bytes(&write(Some("{"))).unwrap_err().to_string().contains("expected JSON"));
-    assert!(
-        from_bytes(b"solid part").unwrap_err().to_string().contains("expected a model saved by Planish")
-    );
+    assert!(from_bytes(b"solid part").unwrap_err().to_string().contains("expected a model saved by Planish"));
 }
 
 #[test]

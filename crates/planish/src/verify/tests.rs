@@ -29,12 +29,24 @@ fn whole_files_of_every_kind_pass() {
         (write("a.xyz", "0 0 0\n1 0 0\n"), "scan of 2 points"),
         (write("a.csv", "x,y,heading_deg,range\n0,0,90,2\n"), "1 readings of a contour"),
         (write("b.csv", "x,y,z,azimuth_deg,elevation_deg,range\n0,0,0,90,0,2\n"), "1 readings in space"),
-        (write("job.toml", "[sensor.a]\nkind = \"range\"\nsigma = 0.1\n[[scan]]\nsensor = \"a\"\n\
-                            file = \"points.csv\"\n"), "1 scans of 3 points"),
+        (
+            write(
+                "job.toml",
+                "[sensor.a]\nkind = \"range\"\nsigma = 0.1\n[[scan]]\nsensor = \"a\"\n\
+                            file = \"points.csv\"\n",
+            ),
+            "1 scans of 3 points",
+        ),
         (write("camera.toml", "fx = 1\nfy = 1\ncx = 0\ncy = 0\n"), "depth camera"),
-        (write("views.toml", "[[view]]\nmask = \"mask.png\"\nP = [[1,0,0,0],[0,1,0,0],[0,0,1,0]]\n"), "1 views"),
+        (
+            write("views.toml", "[[view]]\nmask = \"mask.png\"\nP = [[1,0,0,0],[0,1,0,0],[0,0,1,0]]\n"),
+            "1 views",
+        ),
         (picture, "picture of 2 × 1 pixels"),
-        (write("a.svg", "<svg xmlns=\"http://www.w3.org/2000/svg\"><line x2=\"3\"/></svg>"), "drawing of 1 curves"),
+        (
+            write("a.svg", "<svg xmlns=\"http://www.w3.org/2000/svg\"><line x2=\"3\"/></svg>"),
+            "drawing of 1 curves",
+        ),
     ] {
         let found = verified(&path);
         assert!(found.whole && found.text.contains(words), "{}: {}", path.display(), found.text);

@@ -93,7 +93,12 @@ impl MeanResidual {
                 if information > 0.0 {
                     let force = DVec3::from_array(*r).dot(d);
                     let rounding = f64::EPSILON * rows[vertex] * extent;
-                    sums.add(vertex, force / information.sqrt(), force / information, rounding / information.sqrt());
+                    sums.add(
+                        vertex,
+                        force / information.sqrt(),
+                        force / information,
+                        rounding / information.sqrt(),
+                    );
                 }
             }
         }

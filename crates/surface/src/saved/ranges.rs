@@ -44,12 +44,7 @@ pub(super) fn check_rows<T: Display>(
 }
 
 /// Requires a number of the metadata to be valid; `valid` says whether it is `expected`.
-fn check_number(
-    field: impl Display,
-    value: f64,
-    expected: &str,
-    valid: impl Fn(f64) -> bool,
-) -> Result<()> {
+fn check_number(field: impl Display, value: f64, expected: &str, valid: impl Fn(f64) -> bool) -> Result<()> {
     if value.is_finite() && valid(value) {
         return Ok(());
     }
@@ -80,9 +75,7 @@ pub(super) fn check_metadata(metadata: &Metadata) -> Result<()> {
         not_negative(format_args!("sensors[{k}].rms"), rms)?;
     }
     if metadata.measured_coordinates == Some([false; 3]) {
-        return Err(Error::input(
-            "metadata `measured_coordinates`: expected at least one true, found none",
-        ));
+        return Err(Error::input("metadata `measured_coordinates`: expected at least one true, found none"));
     }
     if let Some(residual) = metadata.mean_residual {
         not_negative("mean_residual", residual)?;
@@ -186,7 +179,8 @@ pub(super) fn check_information(name: &str, information: &BlockInformation, prop
                 let (a, b) = (diagonal[3 * row as usize + k / 3], diagonal[3 * column + k % 3]);
                 let (bound, value) = ((a * b).sqrt(), values[9 * block + k]);
                 if value.abs() > (1.0 + MINOR_TOLERANCE) * bound {
-                    let expected = format!("at most {bound} (from the diagonal of vertices {row} and {column})");
+                    let expected =
+                        format!("at most {bound} (from the diagonal of vertices {row} and {column})");
                     return fail(block, column, &expected, value);
                 }
             }

@@ -142,7 +142,11 @@ fn numbers_out_of_range_are_named_with_their_index() {
         complaint(|file| *file.metadata.pointer_mut(path).unwrap() = value)
     };
     for (path, value, words) in [
-        ("/sensors/0/sigma_stated", json!(-1.0), "`sensors[0].sigma_stated`: expected a number > 0, found -1"),
+        (
+            "/sensors/0/sigma_stated",
+            json!(-1.0),
+            "`sensors[0].sigma_stated`: expected a number > 0, found -1",
+        ),
         ("/sensors/0/sigma_estimated", json!(-1.0), "`sensors[0].sigma_estimated`: expected a number ≥ 0"),
         ("/sensors/0/rms", json!(-1.0), "sensors[0].rms"),
         ("/poses/0/sigma_translation", json!(-1.0), "poses[0].sigma_translation"),
@@ -175,7 +179,10 @@ fn a_prior_without_information_is_refused() {
             }
         }
     });
-    assert!(e.contains("tensor `information_prior_values`, block 0 (vertex 0): expected information > 0"), "{e}");
+    assert!(
+        e.contains("tensor `information_prior_values`, block 0 (vertex 0): expected information > 0"),
+        "{e}"
+    );
 }
 
 #[test]
