@@ -93,5 +93,5 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("carmen", "a.log", valid::carmen_logs, READINGS, unchanged, readings),
     target("rays", "a.csv", valid::rays, READINGS, unchanged, rays),
     target("contour", "a.json", valid::contours, CONTOUR, unchanged, contour),
-    target("planish", "a.planish", valid::models, JSON, repair_safetensors_length, model_round_trip),
+    target("planish", "a.planish", valid::models, JSON, repair_model, model_round_trip),
 ];

@@ -26,6 +26,7 @@ mod simulate;
 mod solid;
 mod summary;
 mod values;
+mod verify;
 mod view;
 
 use clap::builder::styling::{AnsiColor, Styles};
@@ -83,6 +84,8 @@ enum Command {
     Solid(solid::SolidArgs),
     /// Simulate measurements with known ground truth
     Simulate(simulate::SimulateArgs),
+    /// Verify that files are whole and consistent
+    Verify(verify::VerifyArgs),
     /// Show a file in the browser, or render an image of it
     View(view::ViewArgs),
     /// Print a script for shell completion
@@ -111,6 +114,7 @@ fn main() -> ExitCode {
         Command::Shell(args) => shell::run(&args),
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::View(args) => view::run(&args),
         Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Man(args) => man::run(&args, Cli::command()),

@@ -71,6 +71,15 @@ pub fn run<B: Serialize>(
     common: &CommonArgs,
     work: impl FnOnce(&dyn Progress) -> Result<Summary<B>>,
 ) -> u8 {
+    run_with_code(name, common, |progress| work(progress).map(|summary| (summary, 0)))
+}
+
+/// [`run`] for work that ends with an exit code of its own.
+pub fn run_with_code<B: Serialize>(
+    name: &str,
+    common: &CommonArgs,
+    work: impl FnOnce(&dyn Progress) -> Result<(Summary<B>, u8)>,
+) -> u8 {
     let begun = Instant::now();
     let progress = Terminal::new(common.audience());
     planish::budget::set_max_memory(common.max_memory);
@@ -87,7 +96,7 @@ fn print_outcome<B: Serialize>(
     name: &str,
     common: &CommonArgs,
     begun: Instant,
-    outcome: Result<Summary<B>>,
+    outcome: Result<(Summary<B>, u8)>,
     progress: &Terminal,
 ) -> u8 {
     progress.clear();
@@ -97,7 +106,7 @@ fn print_outcome<B: Serialize>(
     };
     let seconds = begun.elapsed().as_secs_f64();
     let (code, printed) = match outcome {
-        Ok(summary) => {
+        Ok((summary, code)) => {
             let (unit, inputs, outputs) = head(summary.unit, &summary.inputs, &summary.outputs);
             let printed = if common.json {
                 print_json(&json(name, seconds, common, unit, inputs, outputs, &summary.body))
@@ -110,7 +119,7 @@ fn print_outcome<B: Serialize>(
             if !common.quiet {
                 print_findings(&summary.findings);
             }
-            (0, printed)
+            (code, printed)
         }
         Err(e) => {
             // Errors are printed even with --quiet: without them, a failure would look like a success.

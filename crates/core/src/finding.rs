@@ -154,7 +154,10 @@ codes! {
     FewerViews = "fewer-views", Warning:
         "Fewer views than requested were planned, because more would not reduce σ.",
     AreaUnseen = "area-unseen", Warning: "None of the compared poses sees a part of the area.",
-    // view, info
+    // view, info, verify
+    FileDefective = "file-defective", Error: "A file is damaged, inconsistent or cannot be read.",
+    ModelWithoutChecksums = "model-without-checksums", Warning:
+        "A saved model has no checksums, so damage may stay undetected.",
     PictureEmpty = "picture-empty", Warning: "The image is empty.",
     PointsThinned = "points-thinned", Warning: "Only some of the points are shown.",
     MeshDefects = "mesh-defects", Warning: "The mesh has edges, triangles or vertices with defects.",

@@ -107,6 +107,7 @@ mod atomic;
 #[cfg(test)]
 mod budget_tests;
 mod checksum;
+mod file_kind;
 mod foreign;
 mod georeference;
 mod mesh_data;
@@ -121,6 +122,7 @@ mod split_scans;
 
 pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
+pub use file_kind::FileKind;
 pub use georeference::GeoReference;
 pub use output_set::{recover_outputs_in_folder_of, write_as_set};
 pub use planish_core::Unit;

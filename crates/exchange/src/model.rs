@@ -4,7 +4,12 @@
 //! example `safetensors.numpy.load_file("part.planish")` in Python. The JSON is text under the metadata key
 //! `planish`; its `schema` is the version of the format. The same model gives the same bytes.
 //!
-//! **Limits.** This module checks shapes and types of tensors, not their meaning.
+//! **Checksums.** Since schema 2, the metadata hold a SHA-256 of each tensor and of themselves, which reading
+//! verifies. Files of schema 1 are read without; [`ModelFile::has_checksums`] is false for them.
+//!
+//! **Limits.** This module checks shapes, types and checksums of tensors, not their meaning.
+
+mod checksums;
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -17,9 +22,19 @@ use serde_json::Value;
 
 use crate::atomic::write_atomically;
 use crate::source::open_file;
+use checksums::RawTensor;
 
 /// Version of the format that is written, and the newest that is read.
-pub const SCHEMA: u64 = 1;
+///
+/// 1: the first. 2: with checksums. The number was raised because a reader that takes missing checksums as a
+/// sign of age would accept a file whose damage is in the names of their keys.
+pub const SCHEMA: u64 = 2;
+
+/// Oldest version with checksums.
+const FIRST_WITH_CHECKSUMS: u64 = 2;
+
+/// Metadata key of the version.
+const SCHEMA_KEY: &str = "schema";
 
 /// Metadata key of the JSON text.
 const KEY: &str = "planish";
@@ -150,6 +165,18 @@ pub struct ModelFile {
     pub metadata: Value,
 }
 
+impl ModelFile {
+    /// True if the file that was read had checksums, which then were correct.
+    #[must_use]
+    pub fn has_checksums(&self) -> bool {
+        schema_of(&self.metadata).is_some_and(|schema| schema >= FIRST_WITH_CHECKSUMS)
+    }
+}
+
+fn schema_of(metadata: &Value) -> Option<u64> {
+    metadata.get(SCHEMA_KEY).and_then(Value::as_u64)
+}
+
 /// Writes a model.
 ///
 /// # Errors
@@ -179,8 +206,8 @@ pub fn write_model(path: &Path, model: &ModelFile) -> Result<()> {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
-/// [`Input`](planish_estimate::ErrorKind::Input) when it is cut off, not a safetensors file, or from another
-/// program; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) when a newer version wrote it.
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is cut off, damaged, not a safetensors file, or from
+/// another program; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) when a newer version wrote it.
 pub fn read_model(path: &Path) -> Result<ModelFile> {
     let read = open_file(path).and_then(|(mut file, length)| {
         let mut bytes = Vec::with_capacity(length.and_then(|n| usize::try_from(n).ok()).unwrap_or(0));
@@ -206,9 +233,10 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
         return Err(Error::input("expected a JSON object as the metadata of a model, found another value"));
     };
     // Replaces the schema of a model that was read: what is written has the present format.
-    metadata.insert("schema".to_owned(), SCHEMA.into());
+    metadata.insert(SCHEMA_KEY.to_owned(), SCHEMA.into());
+    let text = checksums::with_checksums(metadata, &model.tensors);
     // A single key, because safetensors writes a hash map, whose order of keys changes from run to run.
-    let metadata = HashMap::from([(KEY.to_owned(), Value::Object(metadata).to_string())]);
+    let metadata = HashMap::from([(KEY.to_owned(), text)]);
     // The map of tensors is sorted by name, so their order in the file is fixed.
     safetensors::serialize(model.tensors.iter(), Some(metadata))
         .map_err(|e| Error::input("the model cannot be written as safetensors").with_source(e))
@@ -237,11 +265,11 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     // Before the tensors, so that files of other programs and of newer versions are named as such, whatever
     // types their tensors have.
     let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(not_planish)?;
-    let metadata: Value = serde_json::from_str(text).map_err(|e| {
+    let mut metadata: Value = serde_json::from_str(text).map_err(|e| {
         Error::input("expected JSON in the metadata `planish`, found other text").with_source(e)
     })?;
-    match metadata.get("schema").and_then(Value::as_u64) {
-        Some(SCHEMA) => {}
+    match schema_of(&metadata) {
+        Some(1..=SCHEMA) => {}
         Some(newer) if newer > SCHEMA => {
             return Err(Error::unsupported(format!(
                 "saved by a newer Planish (schema {newer}, this version reads up to {SCHEMA}): update Planish"
@@ -253,134 +281,42 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             )));
         }
     }
+    let views = SafeTensors::deserialize(bytes).map_err(damaged)?;
+    let raw: BTreeMap<&str, RawTensor<'_>> = views
+        .iter()
+        .map(|(name, view)| {
+            (name, RawTensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data() })
+        })
+        .collect();
+    // Files of schema 1 have none, but one that has them is a later file whose version was damaged.
+    let is_old = schema_of(&metadata).is_some_and(|schema| schema < FIRST_WITH_CHECKSUMS);
+    if !is_old || checksums::are_present(&metadata) {
+        // The metadata first, because they list the tensors.
+        checksums::verify_metadata(text, &metadata)?;
+        checksums::verify_tensors(&metadata, &raw)?;
+        checksums::remove_checksums(&mut metadata);
+    }
     let mut tensors = BTreeMap::new();
-    for (name, view) in SafeTensors::deserialize(bytes).map_err(damaged)?.iter() {
-        // Decoded value by value: the bytes of a tensor need not be aligned.
-        fn numbers<const N: usize, T>(bytes: &[u8], from_le_bytes: fn([u8; N]) -> T) -> Vec<T> {
-            bytes.as_chunks::<N>().0.iter().map(|&chunk| from_le_bytes(chunk)).collect()
-        }
-        let data = match view.dtype() {
-            Dtype::F64 => TensorData::F64(numbers(view.data(), f64::from_le_bytes)),
-            Dtype::U32 => TensorData::U32(numbers(view.data(), u32::from_le_bytes)),
-            Dtype::I64 => TensorData::I64(numbers(view.data(), i64::from_le_bytes)),
-            Dtype::U8 => TensorData::U8(view.data().to_vec()),
-            other => {
-                return Err(Error::unsupported(format!(
-                    "tensor `{name}`: expected F64, U32, U8 or I64, found {other:?}"
-                )));
-            }
-        };
-        let shape = view.shape().to_vec();
-        tensors.insert(name.to_owned(), Tensor { shape, data });
+    for (name, raw) in &raw {
+        let data = decode(raw).map_err(|e| e.in_context(format!("tensor `{name}`")))?;
+        tensors.insert((*name).to_owned(), Tensor { shape: raw.shape.clone(), data });
     }
     Ok(ModelFile { tensors, metadata })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use planish_estimate::ErrorKind;
-    use proptest::prelude::*;
-    use serde_json::json;
-
-    fn model() -> ModelFile {
-        let tensor = |shape: &[usize], data| Tensor { shape: shape.to_vec(), data };
-        ModelFile {
-            tensors: [
-                ("vertices", tensor(&[2, 3], TensorData::F64(vec![0.1, -0.0, 1e-300, f64::MAX, 5.0, 6.0]))),
-                ("cells", tensor(&[2, 1], TensorData::U32(vec![0, u32::MAX]))),
-                ("observed", tensor(&[3], TensorData::U8(vec![0, 1, 2]))),
-                ("order", tensor(&[], TensorData::I64(vec![-3]))),
-                ("none", tensor(&[0, 3], TensorData::F64(vec![]))),
-            ]
-            .map(|(name, tensor)| (name.to_owned(), tensor))
-            .into(),
-            metadata: json!({ "unit": "mm", "sensors": [{ "name": "läser \"1\"" }], "schema": 1 }),
-        }
+fn decode(raw: &RawTensor<'_>) -> Result<TensorData> {
+    // Decoded value by value: the bytes of a tensor need not be aligned.
+    fn numbers<const N: usize, T>(bytes: &[u8], from_le_bytes: fn([u8; N]) -> T) -> Vec<T> {
+        bytes.as_chunks::<N>().0.iter().map(|&chunk| from_le_bytes(chunk)).collect()
     }
-
-    #[test]
-    fn models_read_back_unchanged_and_write_to_the_same_bytes() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.planish");
-        write_model(&path, &model()).unwrap();
-        let first = std::fs::read(&path).unwrap();
-        let read = read_model(&path).unwrap();
-        assert_eq!(read, model());
-        for _ in 0..5 {
-            write_model(&path, &read).unwrap();
-            assert_eq!(std::fs::read(&path).unwrap(), first);
-        }
-    }
-
-    #[test]
-    fn numbers_of_the_metadata_keep_every_bit() {
-        let mut state = 1_u64;
-        let numbers: Vec<f64> = (0..2000)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                (state >> 11) as f64 * 1e-14
-            })
-            .chain([31.245_270_191_439_438])
-            .collect();
-        let mut model = model();
-        model.metadata["numbers"] = json!(numbers);
-        let read = from_bytes(&to_bytes(&model).unwrap()).unwrap();
-        assert_eq!(read.metadata["numbers"], json!(numbers));
-    }
-
-    #[test]
-    fn truncated_files_are_rejected() {
-        let bytes = to_bytes(&model()).unwrap();
-        for end in 0..bytes.len() {
-            assert_eq!(from_bytes(&bytes[..end]).unwrap_err().kind(), ErrorKind::Input, "{end}");
-        }
-        let longer = [&bytes[..], b"x"].concat();
-        assert!(from_bytes(&longer).is_err());
-    }
-
-    #[test]
-    fn foreign_and_newer_files_have_their_own_messages() {
-        let none: [(&str, &Tensor); 0] = [];
-        let write = |metadata: Option<&str>| {
-            let metadata = metadata.map(|text| HashMap::from([(KEY.to_owned(), text.to_owned())]));
-            safetensors::serialize(none, metadata).unwrap()
-        };
-        let e = from_bytes(&write(None)).unwrap_err();
-        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("without metadata `planish`"), "{e}");
-        let e = from_bytes(&write(Some(r#"{"schema": 2}"#))).unwrap_err();
-        assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("newer Planish"), "{e}");
-        assert!(from_bytes(&write(Some("{}"))).unwrap_err().to_string().contains("expected a schema"));
-        assert!(from_bytes(&write(Some("{"))).unwrap_err().to_string().contains("expected JSON"));
-        assert!(
-            from_bytes(b"solid part").unwrap_err().to_string().contains("expected a model saved by Planish")
-        );
-    }
-
-    #[test]
-    fn a_shape_that_disagrees_with_its_numbers_is_rejected() {
-        let mut wrong = model();
-        wrong.tensors.insert("bad".to_owned(), Tensor { shape: vec![2], data: TensorData::U8(vec![1]) });
-        assert!(to_bytes(&wrong).unwrap_err().to_string().contains("tensor `bad`"));
-    }
-
-    proptest! {
-        #[test]
-        fn no_bytes_cause_a_panic(
-            mut bytes in proptest::collection::vec(any::<u8>(), 0..200),
-            length in 0_u64..100,
-        ) {
-            let _ = from_bytes(&bytes);
-            bytes.splice(0..0, length.to_le_bytes());
-            let _ = from_bytes(&bytes);
-        }
-
-        #[test]
-        fn no_changed_byte_causes_a_panic(at in 0_usize..600, value in any::<u8>()) {
-            let mut bytes = to_bytes(&model()).unwrap();
-            let at = at % bytes.len();
-            bytes[at] = value;
-            let _ = from_bytes(&bytes);
-        }
+    match raw.dtype {
+        Dtype::F64 => Ok(TensorData::F64(numbers(raw.bytes, f64::from_le_bytes))),
+        Dtype::U32 => Ok(TensorData::U32(numbers(raw.bytes, u32::from_le_bytes))),
+        Dtype::I64 => Ok(TensorData::I64(numbers(raw.bytes, i64::from_le_bytes))),
+        Dtype::U8 => Ok(TensorData::U8(raw.bytes.to_vec())),
+        other => Err(Error::unsupported(format!("expected F64, U32, U8 or I64, found {other:?}"))),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -410,7 +410,7 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
 }
 
 fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
-    let mut findings = Vec::new();
+    let mut findings = earlier.map_or_else(Vec::new, |earlier| earlier.findings.clone());
     if set.unit.is_none() && earlier.is_none() {
         findings.push(
             Finding::new(

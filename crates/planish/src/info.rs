@@ -411,7 +411,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
 }
 
 fn model(path: &Path) -> Result<FileInfo> {
-    let SavedModel { model, provenance } = load_with_provenance(path)?;
+    let SavedModel { model, provenance, findings } = load_with_provenance(path)?;
     let sigma = model
         .posterior()
         .and_then(|posterior| sigma_summary(&model, &posterior))
@@ -448,7 +448,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             poses: model.poses.clone(),
             sessions: provenance,
         })),
-        findings: Vec::new(),
+        findings,
     })
 }
 

@@ -107,6 +107,7 @@ pub mod sense;
 pub mod shell;
 pub mod simulate;
 pub mod solid;
+pub mod verify;
 pub mod view;
 
 pub use job::Job;

@@ -13,6 +13,7 @@ use crate::hierarchy::Shape;
 use crate::surface::{Jet, Surface};
 use planish_core::vector3::tangents;
 use planish_core::{DVec3, SymmetricMatrix3};
+use rayon::prelude::*;
 
 /// Curvature of a surface at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -152,6 +153,20 @@ impl Surface {
             None => self.jet(u, v).normal(),
             Some(inward) => self.pole_normal(v, inward),
         }
+    }
+
+    /// Unit normal at the anchor of every node: the direction in which its vertex changes the shape. Zero
+    /// where the surface is degenerate.
+    #[must_use]
+    pub fn node_normals(&self) -> Vec<DVec3> {
+        let space = self.space();
+        (space.node_anchors().par_iter().with_min_len(256))
+            .map(|a| {
+                // Anchors of functions at an open border lie outside the domain.
+                let [u, v] = space.wrap(a[0], a[1]);
+                self.normal(u, v).unwrap_or(DVec3::ZERO)
+            })
+            .collect()
     }
 
     /// Curvature at `(u, v)`, including the poles of a ball; `None` if the surface is degenerate.

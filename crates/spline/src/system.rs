@@ -202,19 +202,10 @@ impl SurfaceSystem {
         Ok(())
     }
 
-    /// Unit normal at the anchor of every node: the direction in which its vertex changes the shape.
+    /// [`Surface::node_normals`] of a surface over this hierarchy.
     #[must_use]
     pub fn node_normals(&self, surface: &Surface) -> Vec<DVec3> {
-        self.space
-            .node_anchors()
-            .par_iter()
-            .with_min_len(256)
-            .map(|a| {
-                // Anchors of functions at an open border lie outside the domain.
-                let [u, v] = self.space.wrap(a[0], a[1]);
-                surface.normal(u, v).unwrap_or(DVec3::ZERO)
-            })
-            .collect()
+        surface.node_normals()
     }
 
     /// Restricts information to one direction per vertex: `d_iᵀ Λ_ij d_j` and `d_iᵀ η_i`.

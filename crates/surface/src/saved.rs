@@ -33,28 +33,30 @@
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`,
 //! `poses` (names and σ) and `provenance`: one entry for each session. It also holds `measured_coordinates`
 //! if parameters were known, `moves_freely` for a sheet that bends, and `patch_filter` for a patch filter.
+//! `mean_residual` is the root mean square over all unknowns of the residual of `Λ x = η`, each in its own σ
+//! given all others. For a patch filter, it is that of the distances of the vertices from those of the patches.
 //!
-//! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] checks it.
+//! Reading checks the checksums, the range of every number, and the agreement of the vertices with the
+//! information. Not guaranteed: that the information is positive definite, of which reading checks only 2 × 2
+//! minors; [`SurfaceModel::posterior`] checks it.
 
+mod consistency;
 mod patches;
+mod ranges;
+mod reading;
 
-use crate::model::{
-    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
-};
-use planish_core::vector3::{coordinates, from_arrays};
+use crate::model::{Knowledge, SensorReport, SurfaceModel, VertexInformation};
+use consistency::MeanResidual;
+use planish_core::Finding;
+use planish_core::vector3::coordinates;
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
-use planish_exchange::Unit;
 use planish_exchange::model::{ModelFile, Tensor, TensorData, read_model, write_model};
-use planish_spline::{Cell, Hierarchy, MAX_LEVEL, Shape, Surface};
+use reading::from_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Largest number of cells of the finest grid. A hierarchy keeps a mark for each, so more would take
-/// gigabytes.
-const MAX_CELLS_OF_A_LEVEL: u64 = 1 << 27;
 
 /// An input file of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,6 +87,8 @@ pub struct SavedModel {
     pub model: SurfaceModel,
     /// The sessions, oldest first.
     pub provenance: Vec<Session>,
+    /// Findings about the file.
+    pub findings: Vec<Finding>,
 }
 
 /// The metadata of a file.
@@ -98,6 +102,9 @@ struct Metadata {
     sensors: Vec<SensorReport>,
     poses: Vec<PoseNotes>,
     provenance: Vec<Session>,
+    /// See [`MeanResidual`]; absent in files of schema 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mean_residual: Option<f64>,
     // Older files lack these keys. They are written only if they say something, so other files keep their
     // bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -198,7 +205,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     if !sigmas.chain(pose_sigmas).chain([model.smoothness_weight]).all(f64::is_finite) {
         return Err(Error::input("expected finite σ and weights in the model, found another value"));
     }
-    let metadata = Metadata {
+    let mut metadata = Metadata {
         unit: model.unit.name().to_owned(),
         shape: space.shape().name().to_owned(),
         base: space.base(),
@@ -221,12 +228,12 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             })
             .collect(),
         provenance: provenance.to_vec(),
+        // Set below, because numbers that are not finite are refused first.
+        mean_residual: None,
         measured_coordinates: model.known.measured_coordinates(),
         moves_freely: matches!(model.known, Knowledge::Free { .. }),
         patch_filter: model.known.filter().map(Arc::as_ref).map(patches::Notes::from_filter),
     };
-    let metadata = serde_json::to_value(metadata)
-        .map_err(|e| Error::input("expected JSON in the metadata").with_source(e))?;
     let knots = |d: usize| Tensor::f64_list((0..=space.base()[d]).map(|k| k as f64).collect());
     let cells = leaves.iter().flat_map(|c| [u32::from(c.level), c.i, c.j]).collect();
     let poses: Vec<f64> =
@@ -275,6 +282,9 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             return Err(Error::input(format!("`{name}`: expected finite numbers, found another")));
         }
     }
+    metadata.mean_residual = Some(MeanResidual::of_model(model)?.rms);
+    let metadata =
+        serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
     Ok(ModelFile { tensors, metadata })
 }
 
@@ -315,252 +325,6 @@ fn flat_pattern(pattern: &BlockPattern) -> (Vec<u32>, Vec<u32>) {
         offsets.push(indices.len() as u32);
     }
     (offsets, indices)
-}
-
-/// The tensors of a file, taken out with checks of type and shape.
-struct Tensors(BTreeMap<String, Tensor>);
-
-impl Tensors {
-    /// The tensor of that name and number of axes, the trailing ones of the given lengths.
-    fn take(&mut self, name: &str, trailing: &[usize]) -> Result<(usize, TensorData)> {
-        let Tensor { shape, data } = self
-            .0
-            // Taken out instead of borrowed, so that large tensors are not held twice.
-            .remove(name)
-            .ok_or_else(|| Error::input(format!("expected the tensor `{name}`, found none")))?;
-        match shape.split_first() {
-            Some((&rows, rest)) if rest == trailing => Ok((rows, data)),
-            _ => {
-                let rest: String = trailing.iter().map(|n| format!(", {n}")).collect();
-                Err(Error::input(format!("tensor `{name}`: expected the shape [n{rest}], found {shape:?}")))
-            }
-        }
-    }
-
-    /// The unresolved shape of each leaf; `order` maps cells of the file to leaves. Empty if the file has
-    /// none.
-    fn excess_variance(&mut self, order: &[usize]) -> Result<Vec<f64>> {
-        if !self.0.contains_key(UNRESOLVED_SHAPE) {
-            return Ok(Vec::new());
-        }
-        let of_cells = self.f64(UNRESOLVED_SHAPE, &[])?;
-        if of_cells.len() != order.len() || of_cells.iter().any(|&square| square < 0.0) {
-            return Err(Error::input(format!(
-                "tensor `{UNRESOLVED_SHAPE}`: expected a mean square ≥ 0 for each of {} cells",
-                order.len()
-            )));
-        }
-        let mut left = vec![0.0; order.len()];
-        for (&leaf, square) in order.iter().zip(of_cells) {
-            left[leaf] = square;
-        }
-        Ok(left)
-    }
-
-    fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
-        match self.take(name, trailing)?.1 {
-            // One NaN would spread through the factor to every σ.
-            TensorData::F64(values) => match values.iter().position(|v| !v.is_finite()) {
-                Some(at) => {
-                    Err(Error::input(format!("tensor `{name}`: number {at} is not finite: {}", values[at])))
-                }
-                None => Ok(values),
-            },
-            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type F64"))),
-        }
-    }
-
-    fn u32(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<u32>> {
-        match self.take(name, trailing)?.1 {
-            TensorData::U32(values) => Ok(values),
-            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U32"))),
-        }
-    }
-
-    fn u8(&mut self, name: &str) -> Result<Vec<u8>> {
-        match self.take(name, &[])?.1 {
-            TensorData::U8(values) => Ok(values),
-            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U8"))),
-        }
-    }
-
-    /// Information about poses and biases of scans, if the file has any.
-    fn shared(&mut self, nodes: usize) -> Result<Option<ScanErrorInformation>> {
-        if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
-            return Ok(None);
-        }
-        let width = (self.0.get(SHARED_CORNER)).map_or(0, |t| t.shape.first().copied().unwrap_or(0));
-        let corner = self.f64(SHARED_CORNER, &[width])?;
-        let coupling = self.f64(SHARED_COUPLING, &[width])?;
-        if coupling.len() != nodes * width {
-            return Err(Error::input(format!(
-                "tensor `{SHARED_COUPLING}`: expected {nodes} rows, found {}",
-                coupling.len() / width.max(1)
-            )));
-        }
-        Ok(Some(ScanErrorInformation { coupling, corner }))
-    }
-
-    fn information(&mut self, name: &str, pattern: &Arc<BlockPattern>) -> Result<BlockInformation> {
-        let part = |part: &str| format!("{name}_{part}");
-        let found = (self.u32(&part("offsets"), &[])?, self.u32(&part("indices"), &[])?);
-        if found != flat_pattern(pattern) {
-            return Err(Error::input(format!(
-                "`{name}`: expected the couplings of the cells, found others: the file was changed or is \
-                 damaged"
-            )));
-        }
-        let mut information = BlockInformation::zeros(Arc::clone(pattern), 3, 1)?;
-        fill(&part("values"), information.values_mut(), &self.f64(&part("values"), &[3, 3])?)?;
-        fill(&part("vector"), information.vector_mut(), &self.f64(&part("vector"), &[3])?)?;
-        Ok(information)
-    }
-}
-
-fn fill(name: &str, to: &mut [f64], from: &[f64]) -> Result<()> {
-    if to.len() != from.len() {
-        return Err(Error::input(format!(
-            "tensor `{name}`: expected {} numbers, found {}",
-            to.len(),
-            from.len()
-        )));
-    }
-    to.copy_from_slice(from);
-    Ok(())
-}
-
-fn from_file(file: ModelFile) -> Result<SavedModel> {
-    let metadata: Metadata = serde_json::from_value(file.metadata)
-        .map_err(|e| Error::input("the metadata lacks a key or has another form").with_source(e))?;
-    let unit: Unit = metadata.unit.parse()?;
-    let shape = Shape::from_name(&metadata.shape).ok_or_else(|| {
-        Error::input(format!("shape: expected sheet, tube, ball or torus, found `{}`", metadata.shape))
-    })?;
-    if !(metadata.smoothness_weight.is_finite() && metadata.smoothness_weight >= 0.0) {
-        return Err(Error::input(format!(
-            "expected smoothness_weight ≥ 0, found {}",
-            metadata.smoothness_weight
-        )));
-    }
-    let mut tensors = Tensors(file.tensors);
-    for (name, cells) in [("knots_u", metadata.base[0]), ("knots_v", metadata.base[1])] {
-        let knots = tensors.f64(name, &[])?;
-        // A damaged file may state any number of cells.
-        if knots.len() != cells.saturating_add(1)
-            || knots.iter().enumerate().any(|(k, &knot)| knot != k as f64)
-        {
-            return Err(Error::input(format!("tensor `{name}`: expected the knots 0, 1, …, {cells}")));
-        }
-    }
-    // Another program may write the cells in any order; columns by cell are sorted with `order`.
-    let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
-    let marks = tensors.u8("observed")?;
-    if marks.len() != order.len() || marks.iter().any(|&m| Observed::from_mark(m).is_none()) {
-        return Err(Error::input(format!(
-            "tensor `observed`: expected 0, 1 or 2 for each of {} cells",
-            order.len()
-        )));
-    }
-    let mut observed = vec![Observed::default(); order.len()];
-    for (&leaf, &mark) in order.iter().zip(&marks) {
-        observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
-    }
-    let excess_variance = tensors.excess_variance(&order)?;
-    let vertices = tensors.f64("vertices", &[3])?;
-    let surface = Surface::new(Arc::clone(&space), from_arrays(vertices.as_chunks::<3>().0).to_vec())?;
-    // The pattern follows from the hierarchy; the file repeats it so that other readers need no B-splines.
-    let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
-    let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), elements)?);
-    let numbers = tensors.f64("poses", &[7])?;
-    if numbers.len() != 7 * metadata.poses.len() {
-        return Err(Error::input(format!(
-            "tensor `poses`: expected the {} poses that the metadata names, found {}",
-            metadata.poses.len(),
-            numbers.len() / 7
-        )));
-    }
-    let poses =
-        metadata.poses.into_iter().zip(numbers.as_chunks::<7>().0).map(|(notes, &[x, y, z, a, b, c, w])| {
-            ScanPoseReport {
-                scan: notes.scan,
-                translation: [x, y, z],
-                quaternion_xyzw: [a, b, c, w],
-                sigma_translation: notes.sigma_translation,
-                sigma_rotation_deg: notes.sigma_rotation_deg,
-                covariance: notes.covariance,
-                undetermined: notes.undetermined,
-                moved: notes.moved,
-                turned_deg: notes.turned_deg,
-                bias: notes.bias,
-                sigma_bias: notes.sigma_bias,
-            }
-        });
-    let known = match metadata.patch_filter {
-        None => {
-            let data = tensors.information("information_data", &pattern)?;
-            let prior = tensors.information("information_prior", &pattern)?;
-            let information = VertexInformation { prior, data };
-            let scan_errors = tensors.shared(space.node_count())?;
-            match metadata.measured_coordinates {
-                Some(measured) => Knowledge::PerCoordinate { information, measured },
-                None if metadata.moves_freely => Knowledge::Free { information },
-                None => Knowledge::AlongNormals { information, scan_errors },
-            }
-        }
-        Some(notes) => {
-            let filter = notes.filter(shape, metadata.base, &mut tensors)?;
-            if filter.space().leaves() != space.leaves() {
-                return Err(Error::input("expected patches of cells of the model, found others"));
-            }
-            Knowledge::Patches(Arc::new(filter))
-        }
-    };
-    let model = SurfaceModel {
-        unit,
-        known,
-        surface,
-        observed,
-        sensors: metadata.sensors,
-        poses: poses.collect(),
-        excess_variance,
-        smoothness_weight: metadata.smoothness_weight,
-        observations: metadata.observations,
-    };
-    Ok(SavedModel { model, provenance: metadata.provenance })
-}
-
-/// The hierarchy of the cells, and for each cell in the file's order its leaf.
-fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hierarchy>, Vec<usize>)> {
-    let mut cells = Vec::with_capacity(numbers.len() / 3);
-    for &[level, i, j] in numbers.as_chunks::<3>().0 {
-        let level = u8::try_from(level).ok().filter(|&l| usize::from(l) <= MAX_LEVEL).ok_or_else(|| {
-            Error::input(format!("tensor `cells`: expected levels up to {MAX_LEVEL}, found {level}"))
-        })?;
-        cells.push(Cell { level, i, j });
-    }
-    // Every cell of the base grid is a leaf or divided into leaves. More cells than leaves mean a damaged
-    // file, and would cost memory.
-    let base_cells = (base[0] as u64).saturating_mul(base[1] as u64);
-    let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
-    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {
-        return Err(Error::input(format!(
-            "expected a base grid that fits the leaves, found {} × {} cells for {} leaves down to level \
-             {finest}",
-            base[0],
-            base[1],
-            cells.len()
-        )));
-    }
-    let space = Hierarchy::from_leaves(shape, base, &cells)?;
-    let order = cells
-        .iter()
-        .map(|&cell| {
-            space
-                .leaf_over(cell)
-                .ok_or_else(|| Error::input(format!("expected a leaf, found the cell {cell:?}")))
-        })
-        .collect::<Result<_>>()?;
-    Ok((Arc::new(space), order))
 }
 
 #[cfg(test)]

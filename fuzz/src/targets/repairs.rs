@@ -20,7 +20,7 @@ pub(super) fn pack_gzip(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
 
 /// Sets the header length to the length of the JSON object that follows, in half of the cases.
 #[allow(clippy::ptr_arg, reason = "all repairs have one type")]
-pub(super) fn repair_safetensors_length(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+fn repair_safetensors_length(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     if bytes.len() < 8 || random.random() {
         return;
     }
@@ -31,6 +31,31 @@ pub(super) fn repair_safetensors_length(bytes: &mut Vec<u8>, random: &mut ChaCha
         let length = (end + 2) as u64;
         bytes[..8].copy_from_slice(&length.to_le_bytes());
     }
+}
+
+/// Makes a saved model one of the first version, which had no checksums, in half of the cases: its numbers then
+/// reach the checks of their ranges. Also repairs the length of the header.
+pub(super) fn repair_model(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    if random.random() {
+        // Names of the same length keep the places of the tensors. Unknown keys are ignored.
+        for (from, to) in [
+            (br#"\"schema\":2"#.as_slice(), br#"\"schema\":1"#.as_slice()),
+            (br#"\"sha256\""#, br#"\"sha000\""#),
+            (br#"\"tensors\""#, br#"\"tensor0\""#),
+            (br#"\"mean_residual\""#, br#"\"mean_residua0\""#),
+        ] {
+            // The header of a small model is shorter than this.
+            let end = bytes.len().min(16_384);
+            let places: Vec<usize> = (bytes[..end].windows(from.len()).enumerate())
+                .filter(|(_, w)| *w == from)
+                .map(|(at, _)| at)
+                .collect();
+            for at in places {
+                bytes[at..at + to.len()].copy_from_slice(to);
+            }
+        }
+    }
+    repair_safetensors_length(bytes, random);
 }
 
 /// Damages compressed bytes in one to three places.

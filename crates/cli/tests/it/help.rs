@@ -16,6 +16,7 @@ fn help_of_every_command() {
         ("compare", &["compare", "--help"]),
         ("contour", &["contour", "--help"]),
         ("info", &["info", "--help"]),
+        ("verify", &["verify", "--help"]),
         ("merge", &["merge", "--help"]),
         ("next", &["next", "--help"]),
         ("shell", &["shell", "--help"]),
@@ -86,6 +87,7 @@ fn examples_in_help_parse() {
         "simulate scene turning",
         "simulate scene bending",
         "simulate sphere",
+        "verify",
         "view",
     ] {
         let words: Vec<&str> = command.split(' ').collect();

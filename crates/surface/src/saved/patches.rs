@@ -1,6 +1,8 @@
 //! The state of a patch filter as tensors, and back, to the last bit.
 
-use super::{Tensors, tensor};
+use super::ranges::{check_rows, check_semidefinite};
+use super::reading::Tensors;
+use super::tensor;
 use planish_core::DVec3;
 use planish_core::vector3::{coordinates, from_arrays};
 use planish_estimate::{Error, Result};
@@ -139,6 +141,14 @@ impl Notes {
                 )));
             }
         }
+        for (name, matrices) in [("patch_covariances", &covariances), ("patch_priors", &priors)] {
+            for (p, matrix) in matrices.chunks(square).enumerate() {
+                check_semidefinite(format_args!("tensor `{name}`, patch {p}"), matrix, VERTICES)?;
+            }
+        }
+        check_rows("patch_innovations", &innovations, 3, "three numbers ≥ 0", |row| {
+            row.iter().all(|&x| x >= 0.0)
+        })?;
         let patches = (0..count)
             .map(|p| {
                 let depth = u8::try_from(cells[3 * p]).map_err(|_| {

@@ -2,6 +2,7 @@ use super::*;
 use crate::test_support::{assert_same_model, small_model};
 use planish_core::DVec3;
 use planish_estimate::ErrorKind;
+use planish_spline::Shape;
 use serde_json::json;
 
 fn session() -> Session {
@@ -127,4 +128,112 @@ fn a_number_that_is_not_finite_is_not_saved() {
     let mut model = small_model(Shape::Sheet);
     model.known.information_mut().unwrap().data.values_mut()[0] = f64::NAN;
     assert!(to_file(&model, &[]).unwrap_err().to_string().contains("information_data_values"));
+}
+
+/// Changes a number of a tensor and returns the message of loading.
+fn complaint_of(name: &str, index: usize, value: f64) -> String {
+    complaint(|file| match &mut file.tensors.get_mut(name).unwrap().data {
+        TensorData::F64(values) => values[index] = value,
+        TensorData::U8(values) => values[index] = value as u8,
+        _ => panic!("{name} holds other numbers"),
+    })
+}
+
+#[test]
+fn numbers_out_of_range_are_named_with_their_index() {
+    let of_metadata = |path: &str, value: serde_json::Value| {
+        complaint(|file| *file.metadata.pointer_mut(path).unwrap() = value)
+    };
+    for (path, value, words) in [
+        (
+            "/sensors/0/sigma_stated",
+            json!(-1.0),
+            "`sensors[0].sigma_stated`: expected a number > 0, found -1",
+        ),
+        ("/sensors/0/sigma_estimated", json!(-1.0), "`sensors[0].sigma_estimated`: expected a number ≥ 0"),
+        ("/sensors/0/rms", json!(-1.0), "sensors[0].rms"),
+        ("/poses/0/sigma_translation", json!(-1.0), "poses[0].sigma_translation"),
+        ("/poses/0/covariance/2/2", json!(-1.0), "`poses[0].covariance`, row 2, column 2"),
+        ("/poses/0/covariance/2/1", json!(0.9), "`poses[0].covariance`, row 2, column 1"),
+    ] {
+        let e = of_metadata(path, value);
+        assert!(e.contains(words), "{path}: {e}");
+    }
+    for (name, index, value, words) in [
+        ("poses", 6, 0.0, "row 0: expected a quaternion x y z w of length 1"),
+        ("observed", 3, 7.0, "row 3: expected 0, 1 or 2, found 7"),
+        ("information_prior_values", 0, -1.0, "block 0 (vertex 0): expected numbers ≥ 0 on the diagonal"),
+        ("information_data_values", 10, 1e9, "block 1 (vertex 0): expected at most"),
+        ("information_shared_corner", 3, -1.0, "row 1, column 1"),
+        ("information_shared_corner", 1, 9.0, "row 1, column 0"),
+    ] {
+        let e = complaint_of(name, index, value);
+        assert!(e.contains(&format!("tensor `{name}`")) && e.contains(words), "{name}: {e}");
+    }
+}
+
+#[test]
+fn a_prior_without_information_is_refused() {
+    let e = complaint(|file| {
+        for part in ["values", "vector"] {
+            match &mut file.tensors.get_mut(&format!("information_prior_{part}")).unwrap().data {
+                TensorData::F64(values) => values.fill(0.0),
+                _ => panic!("expected f64"),
+            }
+        }
+    });
+    assert!(
+        e.contains("tensor `information_prior_values`, block 0 (vertex 0): expected information > 0"),
+        "{e}"
+    );
+}
+
+#[test]
+fn vertices_that_differ_from_their_information_are_refused() {
+    for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
+        let original = to_file(&small_model(shape), &[]).unwrap();
+        let vertex = original.tensors["vertices"].shape[0] / 2;
+        let normal = small_model(shape).surface.node_normals()[vertex];
+        for (by, is_stated) in [(1e-3, true), (0.5, true), (0.5, false)] {
+            let mut file = original.clone();
+            if let TensorData::F64(values) = &mut file.tensors.get_mut("vertices").unwrap().data {
+                for d in 0..3 {
+                    values[3 * vertex + d] += by * normal[d];
+                }
+            }
+            if !is_stated {
+                file.metadata.as_object_mut().unwrap().remove("mean_residual");
+            }
+            let e = from_file(file).expect_err("a vertex was moved").to_string();
+            assert!(e.contains("`vertices` does not agree with the information"), "{shape:?}: {e}");
+        }
+    }
+}
+
+#[test]
+fn rounding_of_coordinates_far_from_the_origin_is_no_damage() {
+    // A processor that adds in another order changes the last digits of the residual.
+    let changed = |origin: DVec3| {
+        let model = small_model(Shape::Ball).translated(origin).unwrap();
+        let mut file = to_file(&model, &[]).unwrap();
+        from_file(file.clone()).unwrap();
+        let stated = file.metadata["mean_residual"].as_f64().unwrap();
+        file.metadata["mean_residual"] = json!(stated + 3e-6 * stated.max(1e-3));
+        from_file(file).map(|_| ())
+    };
+    assert!(changed(DVec3::ZERO).is_err());
+    assert!(changed(DVec3::new(4e8, 5e9, 300.0)).is_ok());
+}
+
+#[test]
+fn a_file_without_checksums_has_a_finding() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.planish");
+    save(&small_model(Shape::Ball), &[], &path).unwrap();
+    assert!(load_with_provenance(&path).unwrap().findings.is_empty());
+    // As version 1 wrote it.
+    let mut file = read_model(&path).unwrap();
+    file.metadata["schema"] = json!(1);
+    let codes: Vec<_> = from_file(file).unwrap().findings.iter().map(|f| f.code).collect();
+    assert_eq!(codes, [planish_core::FindingCode::ModelWithoutChecksums]);
 }

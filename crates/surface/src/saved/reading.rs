@@ -1,0 +1,282 @@
+//! A model from the tensors and metadata of a file, with every check that one value, tensor or pair of them
+//! allows.
+//!
+//! In: a [`ModelFile`] whose checksums were verified, if it has any. Out: a [`SavedModel`]. Errors name the
+//! tensor or metadata field, and the index of the first value that is out of range.
+
+use super::consistency::MeanResidual;
+use super::ranges::{check_information, check_metadata, check_pose, check_rows, check_semidefinite};
+use super::{Metadata, SHARED_CORNER, SHARED_COUPLING, SavedModel, UNRESOLVED_SHAPE, flat_pattern};
+use crate::model::{
+    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SurfaceModel, VertexInformation,
+};
+use planish_core::vector3::from_arrays;
+use planish_core::{Finding, FindingCode};
+use planish_estimate::sparse::{BlockInformation, BlockPattern};
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_exchange::model::{ModelFile, Tensor, TensorData};
+use planish_spline::{Cell, Hierarchy, MAX_LEVEL, Shape, Surface};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Largest number of cells of the finest grid. A hierarchy keeps a mark for each, so more would take
+/// gigabytes.
+const MAX_CELLS_OF_A_LEVEL: u64 = 1 << 27;
+
+/// The tensors of a file, taken out with checks of type and shape.
+pub(super) struct Tensors(BTreeMap<String, Tensor>);
+
+impl Tensors {
+    /// The tensor of that name and number of axes, the trailing ones of the given lengths.
+    fn take(&mut self, name: &str, trailing: &[usize]) -> Result<(usize, TensorData)> {
+        let Tensor { shape, data } = self
+            .0
+            // Taken out instead of borrowed, so that large tensors are not held twice.
+            .remove(name)
+            .ok_or_else(|| Error::input(format!("expected the tensor `{name}`, found none")))?;
+        match shape.split_first() {
+            Some((&rows, rest)) if rest == trailing => Ok((rows, data)),
+            _ => {
+                let rest: String = trailing.iter().map(|n| format!(", {n}")).collect();
+                Err(Error::input(format!("tensor `{name}`: expected the shape [n{rest}], found {shape:?}")))
+            }
+        }
+    }
+
+    /// The unresolved shape of each leaf; `order` maps cells of the file to leaves. Empty if the file has
+    /// none.
+    fn excess_variance(&mut self, order: &[usize]) -> Result<Vec<f64>> {
+        if !self.0.contains_key(UNRESOLVED_SHAPE) {
+            return Ok(Vec::new());
+        }
+        let of_cells = self.f64(UNRESOLVED_SHAPE, &[])?;
+        expect_rows(UNRESOLVED_SHAPE, of_cells.len(), order.len(), "cells")?;
+        check_rows(UNRESOLVED_SHAPE, &of_cells, 1, "a mean square ≥ 0", |square| square[0] >= 0.0)?;
+        let mut left = vec![0.0; order.len()];
+        for (&leaf, square) in order.iter().zip(of_cells) {
+            left[leaf] = square;
+        }
+        Ok(left)
+    }
+
+    pub(super) fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
+        match self.take(name, trailing)?.1 {
+            // One NaN would spread through the factor to every σ.
+            TensorData::F64(values) => match values.iter().position(|v| !v.is_finite()) {
+                Some(at) => {
+                    Err(Error::input(format!("tensor `{name}`: number {at} is not finite: {}", values[at])))
+                }
+                None => Ok(values),
+            },
+            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type F64"))),
+        }
+    }
+
+    pub(super) fn u32(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<u32>> {
+        match self.take(name, trailing)?.1 {
+            TensorData::U32(values) => Ok(values),
+            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U32"))),
+        }
+    }
+
+    fn u8(&mut self, name: &str) -> Result<Vec<u8>> {
+        match self.take(name, &[])?.1 {
+            TensorData::U8(values) => Ok(values),
+            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U8"))),
+        }
+    }
+
+    /// Information about poses and biases of scans, if the file has any.
+    fn shared(&mut self, nodes: usize) -> Result<Option<ScanErrorInformation>> {
+        if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
+            return Ok(None);
+        }
+        let width = (self.0.get(SHARED_CORNER)).map_or(0, |t| t.shape.first().copied().unwrap_or(0));
+        let corner = self.f64(SHARED_CORNER, &[width])?;
+        let coupling = self.f64(SHARED_COUPLING, &[width])?;
+        expect_rows(SHARED_CORNER, corner.len() / width.max(1), width, "unknowns of scans")?;
+        expect_rows(SHARED_COUPLING, coupling.len() / width.max(1), nodes, "vertices")?;
+        check_semidefinite(format_args!("tensor `{SHARED_CORNER}`"), &corner, width)?;
+        Ok(Some(ScanErrorInformation { coupling, corner }))
+    }
+
+    /// The information of that name; `proper` if every vertex must have some.
+    fn information(
+        &mut self,
+        name: &str,
+        pattern: &Arc<BlockPattern>,
+        proper: bool,
+    ) -> Result<BlockInformation> {
+        let part = |part: &str| format!("{name}_{part}");
+        let found = (self.u32(&part("offsets"), &[])?, self.u32(&part("indices"), &[])?);
+        if found != flat_pattern(pattern) {
+            return Err(Error::input(format!(
+                "`{name}` couples other nodes than the cells do: the file was changed or is damaged"
+            )));
+        }
+        let mut information = BlockInformation::zeros(Arc::clone(pattern), 3, 1)?;
+        fill(&part("values"), information.values_mut(), &self.f64(&part("values"), &[3, 3])?)?;
+        fill(&part("vector"), information.vector_mut(), &self.f64(&part("vector"), &[3])?)?;
+        check_information(name, &information, proper)?;
+        Ok(information)
+    }
+}
+
+/// Requires a tensor to have a row for each of `expected` things.
+fn expect_rows(name: &str, found: usize, expected: usize, things: &str) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "tensor `{name}`: expected a row for each of {expected} {things}, found {found} rows"
+    )))
+}
+
+fn fill(name: &str, to: &mut [f64], from: &[f64]) -> Result<()> {
+    if to.len() != from.len() {
+        return Err(Error::input(format!(
+            "tensor `{name}`: expected {} numbers, found {}",
+            to.len(),
+            from.len()
+        )));
+    }
+    to.copy_from_slice(from);
+    Ok(())
+}
+
+/// The model of a file.
+///
+/// # Errors
+/// `Input` if a part is missing, out of range, or does not agree with another.
+pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
+    let findings = missing_checksums(&file);
+    let metadata: Metadata = serde_json::from_value(file.metadata)
+        .map_err(|e| Error::input("the metadata lacks something or has another form").with_source(e))?;
+    let unit: Unit = metadata.unit.parse()?;
+    let shape = Shape::from_name(&metadata.shape).ok_or_else(|| {
+        Error::input(format!("shape: expected sheet, tube, ball or torus, found `{}`", metadata.shape))
+    })?;
+    check_metadata(&metadata)?;
+    let mut tensors = Tensors(file.tensors);
+    for (name, cells) in [("knots_u", metadata.base[0]), ("knots_v", metadata.base[1])] {
+        let knots = tensors.f64(name, &[])?;
+        // A damaged file may state any number of cells.
+        if knots.len() != cells.saturating_add(1)
+            || knots.iter().enumerate().any(|(k, &knot)| knot != k as f64)
+        {
+            return Err(Error::input(format!("tensor `{name}`: expected the knots 0, 1, …, {cells}")));
+        }
+    }
+    // Another program may write the cells in any order; columns by cell are sorted with `order`.
+    let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
+    let marks = tensors.u8("observed")?;
+    expect_rows("observed", marks.len(), order.len(), "cells")?;
+    check_rows("observed", &marks, 1, "0, 1 or 2", |mark| Observed::from_mark(mark[0]).is_some())?;
+    let mut observed = vec![Observed::default(); order.len()];
+    for (&leaf, &mark) in order.iter().zip(&marks) {
+        observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
+    }
+    let excess_variance = tensors.excess_variance(&order)?;
+    let vertices = tensors.f64("vertices", &[3])?;
+    let surface = Surface::new(Arc::clone(&space), from_arrays(vertices.as_chunks::<3>().0).to_vec())?;
+    // The pattern follows from the hierarchy; the file repeats it so that other readers need no B-splines.
+    let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
+    let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), elements)?);
+    let numbers = tensors.f64("poses", &[7])?;
+    expect_rows("poses", numbers.len() / 7, metadata.poses.len(), "poses that the metadata names")?;
+    let poses =
+        metadata.poses.into_iter().zip(numbers.as_chunks::<7>().0).map(|(notes, &[x, y, z, a, b, c, w])| {
+            ScanPoseReport {
+                scan: notes.scan,
+                translation: [x, y, z],
+                quaternion_xyzw: [a, b, c, w],
+                sigma_translation: notes.sigma_translation,
+                sigma_rotation_deg: notes.sigma_rotation_deg,
+                covariance: notes.covariance,
+                undetermined: notes.undetermined,
+                moved: notes.moved,
+                turned_deg: notes.turned_deg,
+                bias: notes.bias,
+                sigma_bias: notes.sigma_bias,
+            }
+        });
+    let poses: Vec<ScanPoseReport> = poses.collect();
+    poses.iter().enumerate().try_for_each(|(k, pose)| check_pose(k, pose))?;
+    let known = match metadata.patch_filter {
+        None => {
+            let data = tensors.information("information_data", &pattern, false)?;
+            let prior =
+                tensors.information("information_prior", &pattern, metadata.smoothness_weight > 0.0)?;
+            let information = VertexInformation { prior, data };
+            let scan_errors = tensors.shared(space.node_count())?;
+            match metadata.measured_coordinates {
+                Some(measured) => Knowledge::PerCoordinate { information, measured },
+                None if metadata.moves_freely => Knowledge::Free { information },
+                None => Knowledge::AlongNormals { information, scan_errors },
+            }
+        }
+        Some(notes) => {
+            let filter = notes.filter(shape, metadata.base, &mut tensors)?;
+            if filter.space().leaves() != space.leaves() {
+                return Err(Error::input("the patches are not made of the cells"));
+            }
+            Knowledge::Patches(Arc::new(filter))
+        }
+    };
+    let model = SurfaceModel {
+        unit,
+        known,
+        surface,
+        observed,
+        sensors: metadata.sensors,
+        poses,
+        excess_variance,
+        smoothness_weight: metadata.smoothness_weight,
+        observations: metadata.observations,
+    };
+    MeanResidual::of_model(&model)?.check(metadata.mean_residual, &model)?;
+    Ok(SavedModel { model, provenance: metadata.provenance, findings })
+}
+
+/// A finding for a file of an older version, in which damage may stay undetected.
+fn missing_checksums(file: &ModelFile) -> Vec<Finding> {
+    let finding = || {
+        Finding::new(
+            FindingCode::ModelWithoutChecksums,
+            "the model was saved by an older version without checksums, so damage may stay undetected",
+        )
+    };
+    (!file.has_checksums()).then(finding).into_iter().collect()
+}
+
+/// The hierarchy of the cells, and for each cell in the file's order its leaf.
+fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hierarchy>, Vec<usize>)> {
+    let mut cells = Vec::with_capacity(numbers.len() / 3);
+    for &[level, i, j] in numbers.as_chunks::<3>().0 {
+        let level = u8::try_from(level).ok().filter(|&l| usize::from(l) <= MAX_LEVEL).ok_or_else(|| {
+            Error::input(format!("tensor `cells`: expected levels up to {MAX_LEVEL}, found {level}"))
+        })?;
+        cells.push(Cell { level, i, j });
+    }
+    // Every cell of the base grid is a leaf or divided into leaves. More cells than leaves mean a damaged
+    // file, and would cost memory.
+    let base_cells = (base[0] as u64).saturating_mul(base[1] as u64);
+    let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
+    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {
+        return Err(Error::input(format!(
+            "a base grid of {} × {} cells does not fit {} leaves down to level {finest}",
+            base[0],
+            base[1],
+            cells.len()
+        )));
+    }
+    let space = Hierarchy::from_leaves(shape, base, &cells)?;
+    let order = cells
+        .iter()
+        .map(|&cell| {
+            space.leaf_over(cell).ok_or_else(|| Error::input(format!("{cell:?} is no leaf of the hierarchy")))
+        })
+        .collect::<Result<_>>()?;
+    Ok((Arc::new(space), order))
+}
