@@ -98,7 +98,6 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A hundred million controls", "shell pose ball.obj --poses many.toml -o old.ply", 2),
     ("A picture of 1520 megapixels in 1.5 MB", "fit pixels.png -o old.ply", 2),
     ("A long SVG entity that is used very often", "solid entities.svg top.dxf -o old.step", 2),
-    ("A STEP spline with one coordinate of 60000 instead of 60", "view far.step -o far.png", 2),
     ("A hundred thousand copies of a STEP face", "view copies.step -o copies.png", 0),
     ("A material whose picture is a device", "shell pose device.obj --poses up.toml -o posed.glb", 0),
     ("A maximum memory without its unit", "fit good.xyz --max-memory 8", 2),
@@ -337,11 +336,11 @@ fn fill_small_files(folder: &Path) {
         let mut crc = flate2::Crc::new();
         crc.update(kind);
         crc.update(data);
-        [&(data.len() as u32).to_be_bytes(), &kind[..], data, &crc.sum().to_be_bytes()].concat()
+        [&(data.len() as u32).to_be_bytes()[..], &kind[..], data, &crc.sum().to_be_bytes()].concat()
     };
     let header = [&40_000_u32.to_be_bytes()[..], &38_000_u32.to_be_bytes(), &[8, 0, 0, 0, 0]].concat();
     let png = [chunk(b"IHDR", &header), chunk(b"IDAT", &[0; 1_500_000]), chunk(b"IEND", b"")].concat();
-    write("pixels.png", &[b"\x89PNG\r\n\x1a\n", &png[..]].concat());
+    write("pixels.png", &[&b"\x89PNG\r\n\x1a\n"[..], &png[..]].concat());
     write("pixels.toml", b"fx = 1\nfy = 1\ncx = 0\ncy = 0\nscale = 0.001\n");
     let uses = "<path d='&long;'/>\n".repeat(27_000);
     let long = "M0 0L1 1".repeat(50_000);
@@ -356,18 +355,6 @@ fn fill_small_files(folder: &Path) {
     let step = |name: &str, lines: &str| {
         write(name, format!("ISO-10303-21;\nDATA;\n{lines}ENDSEC;\nEND-ISO-10303-21;\n").as_bytes());
     };
-    let point =
-        |k: usize, z: f64| format!("#{}=CARTESIAN_POINT('',({}.,{}.,{z:?}));\n", 20 + k, k / 4, k % 4);
-    let points: String = (0..16).map(|k| point(k, if k == 5 { 60_000.0 } else { 60.0 })).collect();
-    let row = |i: usize| format!("(#{},#{},#{},#{})", 20 + 4 * i, 21 + 4 * i, 22 + 4 * i, 23 + 4 * i);
-    let rows = [0, 1, 2, 3].map(row).join(",");
-    let spline = format!(
-        "#7=OPEN_SHELL('',(#8));\n#8=ADVANCED_FACE('',(#9),#10,.T.);\n\
-         #9=FACE_BOUND('',#11,.T.);\n#11=POLY_LOOP('',(#20,#32,#35,#23));\n\
-         #10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,({rows}),.UNSPECIFIED.,\
-         .F.,.F.,.F.,(4,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
-    );
-    step("far.step", &(points + &spline));
     let plane = "#1=CARTESIAN_POINT('',(0.,0.,0.));\n#2=CARTESIAN_POINT('',(10.,0.,0.));\n\
         #3=CARTESIAN_POINT('',(0.,10.,0.));\n#4=AXIS2_PLACEMENT_3D('',#1,$,$);\n#5=PLANE('',#4);\n\
         #6=POLY_LOOP('',(#1,#2,#3));\n#7=FACE_BOUND('',#6,.T.);\n";
