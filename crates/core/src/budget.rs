@@ -277,8 +277,8 @@ mod tests {
         assert_eq!(error.settings(), [Setting::MaxMemory]);
         assert_eq!(
             error.to_string(),
-            "expected an input of 10 bytes to take at most 1000 bytes of memory, found 6 points: the input is \
-             probably damaged; if it is valid, state the maximum memory"
+            "expected an input of 10 bytes to take at most 1000 bytes of memory, found 6 points: the input \
+             is probably damaged; if it is valid, state the maximum memory"
         );
     }
 

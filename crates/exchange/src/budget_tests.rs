@@ -72,7 +72,8 @@ fn pictures_larger_than_the_budget_are_rejected_by_their_header() {
 fn points_and_triangles_end_with_the_budget() {
     let budget = || Budget::with_max(100_000, 1000);
     let source = |bytes: Vec<u8>| Source::new(std::io::Cursor::new(bytes), None).with_budget(budget());
-    let header = "ply\nformat binary_little_endian 1.0\nelement vertex 100000\nproperty uchar x\nproperty uchar y\n\
+    let header = "ply\nformat binary_little_endian 1.0\nelement vertex 100000\nproperty uchar x\nproperty \
+                  uchar y\n\
         property uchar z\n";
     let scan = [format!("{header}end_header\n").into_bytes(), vec![0; 300_000]].concat();
     over_budget(crate::ply::scan_from(&mut source(scan), "a"), "point 4166");

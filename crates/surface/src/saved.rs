@@ -34,7 +34,8 @@
 //! `poses` (names and σ) and `provenance`: one entry for each session. It also holds `measured_coordinates`
 //! if parameters were known, `moves_freely` for a sheet that bends, and `patch_filter` for a patch filter.
 //! `mean_residual` is the root mean square over all unknowns of the residual of `Λ x = η`, each in its own σ
-//! given all others. For a patch filter, it is that of the distances of the vertices from those of the patches.
+//! given all others. For a patch filter, it is that of the distances of the vertices from those of the
+//! patches.
 //!
 //! Reading checks the checksums, the range of every number, and the agreement of the vertices with the
 //! information. Not guaranteed: that the information is positive definite, of which reading checks only 2 × 2
@@ -186,6 +187,22 @@ fn tensor(shape: &[usize], data: TensorData) -> Tensor {
     Tensor { shape: shape.to_vec(), data }
 }
 
+impl PoseNotes {
+    fn from_report(pose: &crate::model::ScanPoseReport) -> Self {
+        Self {
+            scan: pose.scan.clone(),
+            sigma_translation: pose.sigma_translation,
+            sigma_rotation_deg: pose.sigma_rotation_deg,
+            covariance: pose.covariance,
+            undetermined: pose.undetermined.clone(),
+            moved: pose.moved,
+            turned_deg: pose.turned_deg,
+            bias: pose.bias,
+            sigma_bias: pose.sigma_bias,
+        }
+    }
+}
+
 fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let space = model.surface.space();
     let leaves = space.leaves();
@@ -197,7 +214,9 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         )));
     }
     // JSON has no NaN or infinity, so numbers of the metadata are checked before they are written.
-    let sigmas = model.sensors.iter().flat_map(|s| [s.sigma_stated.unwrap_or(0.0), s.sigma_estimated, s.rms]);
+    let sigmas = model.sensors.iter().flat_map(|s| {
+        [s.sigma_stated.unwrap_or(0.0), s.sigma_shared.unwrap_or(0.0), s.sigma_estimated, s.rms]
+    });
     let pose_sigmas = model
         .poses
         .iter()
@@ -212,21 +231,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         observations: model.observations,
         smoothness_weight: model.smoothness_weight,
         sensors: model.sensors.clone(),
-        poses: model
-            .poses
-            .iter()
-            .map(|pose| PoseNotes {
-                scan: pose.scan.clone(),
-                sigma_translation: pose.sigma_translation,
-                sigma_rotation_deg: pose.sigma_rotation_deg,
-                covariance: pose.covariance,
-                undetermined: pose.undetermined.clone(),
-                moved: pose.moved,
-                turned_deg: pose.turned_deg,
-                bias: pose.bias,
-                sigma_bias: pose.sigma_bias,
-            })
-            .collect(),
+        poses: model.poses.iter().map(PoseNotes::from_report).collect(),
         provenance: provenance.to_vec(),
         // Set below, because numbers that are not finite are refused first.
         mean_residual: None,

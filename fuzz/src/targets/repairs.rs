@@ -33,8 +33,8 @@ fn repair_safetensors_length(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     }
 }
 
-/// Makes a saved model one of the first version, which had no checksums, in half of the cases: its numbers then
-/// reach the checks of their ranges. Also repairs the length of the header.
+/// Makes a saved model one of the first version, which had no checksums, in half of the cases: its numbers
+/// then reach the checks of their ranges. Also repairs the length of the header.
 pub(super) fn repair_model(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     if random.random() {
         // Names of the same length keep the places of the tensors. Unknown keys are ignored.

@@ -1,8 +1,9 @@
 //! Checksums of saved models: SHA-256 of each tensor and of the metadata.
 //!
-//! **Layout.** The metadata key `tensors` holds type, shape and checksum of every tensor, so that the checksum
-//! of the metadata also covers names, types and shapes. The key `sha256` holds the checksum of the JSON text,
-//! computed with 64 zeros in place of its own digits. Other programs can check both with a few lines:
+//! **Layout.** The metadata key `tensors` holds type, shape and checksum of every tensor, so that the
+//! checksum of the metadata also covers names, types and shapes. The key `sha256` holds the checksum of the
+//! JSON text, computed with 64 zeros in place of its own digits. Other programs can check both with a few
+//! lines:
 //!
 //! ```text
 //! meta["sha256"] == sha256(text.replace(meta["sha256"], "0" * 64))
@@ -70,8 +71,8 @@ pub(super) fn verify_metadata(text: &str, metadata: &Value) -> Result<()> {
     let digest = metadata.get(SHA256).and_then(Value::as_str).unwrap_or_default();
     if digest.len() != DIGITS {
         return Err(Error::input(format!(
-            "expected a checksum of {DIGITS} digits in `{SHA256}` of the metadata `{KEY}`, found \"{digest}\": \
-             {WAY_OUT}"
+            "expected a checksum of {DIGITS} digits in `{SHA256}` of the metadata `{KEY}`, found \
+             \"{digest}\": {WAY_OUT}"
         )));
     }
     let found = sha256(text.replace(digest, &"0".repeat(DIGITS)).as_bytes());
@@ -98,7 +99,8 @@ pub(super) struct RawTensor<'a> {
 pub(super) fn verify_tensors(metadata: &Value, tensors: &BTreeMap<&str, RawTensor<'_>>) -> Result<()> {
     let Some(listed) = metadata.get(TENSORS).and_then(Value::as_object) else {
         return Err(Error::input(format!(
-            "expected the checksums of the tensors in `{TENSORS}` of the metadata `{KEY}`, found none: {WAY_OUT}"
+            "expected the checksums of the tensors in `{TENSORS}` of the metadata `{KEY}`, found none: \
+             {WAY_OUT}"
         )));
     };
     if let Some(missing) = listed.keys().find(|name| !tensors.contains_key(name.as_str())) {

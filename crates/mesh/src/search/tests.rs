@@ -230,8 +230,8 @@ fn meshes_without_triangles_are_rejected() {
     assert_eq!(MeshSearch::try_new(&broken).unwrap_err().kind(), ErrorKind::Input);
 }
 
-/// Copies of a triangle change no answer, whatever their corner comes first. The tree leaves them out, because
-/// every search would compare all of them.
+/// Copies of a triangle change no answer, whatever their corner comes first. The tree leaves them out,
+/// because every search would compare all of them.
 #[test]
 fn copies_of_triangles_change_no_answer() {
     let ball = icosphere(1.0, 2);

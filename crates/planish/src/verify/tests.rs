@@ -79,7 +79,8 @@ fn values_of_a_mesh_are_checked() {
         let vertex = |p: &str| format!("{p} {sigma} {observed}\n");
         let vertices: String = ["0 0 0", "1 0 0", "0 1 0"].map(vertex).concat();
         let text = format!(
-            "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n\
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty \
+             double z\n\
              property double sigma\nproperty uchar observed\nelement face 1\n\
              property list uchar int vertex_indices\nend_header\n{vertices}3 0 1 2\n"
         );

@@ -45,8 +45,8 @@ pub(crate) fn check_size(drawing: &Drawing) -> Result<()> {
 
 fn too_many_boxes(n: [usize; 3]) -> Error {
     Error::unsupported(format!(
-        "the drawing's lines make a grid of {} x {} x {} boxes: expected at most {MAX_BOXES}; lines that end or \
-         turn at fewer places make fewer boxes",
+        "the drawing's lines make a grid of {} x {} x {} boxes: expected at most {MAX_BOXES}; lines that \
+         end or turn at fewer places make fewer boxes",
         n[0], n[1], n[2]
     ))
 }

@@ -23,8 +23,8 @@ const RELATIVE_TOLERANCE: f64 = 1e-6;
 /// Largest residual of a vertex, in its own σ, if the file states none.
 ///
 /// With directions along the surface, which are not compared here, ten fits of the examples and of simulated
-/// scenes have 0.2 to 1.1; one that was stopped at 300 coefficients has 11. Three vertices of the pebble example
-/// that were moved by 5 mm have 97 to 222.
+/// scenes have 0.2 to 1.1; one that was stopped at 300 coefficients has 11. Three vertices of the pebble
+/// example that were moved by 5 mm have 97 to 222.
 const MAX_UNSTATED_RESIDUAL: f64 = 50.0;
 
 /// How far a surface is from what its information determines.
@@ -145,9 +145,9 @@ impl MeanResidual {
             false => "the residual of Λ x = η (in σ)".to_owned(),
         };
         Err(Error::input(format!(
-            "the tensor `vertices` does not agree with the information of the model: expected {equation} to be \
-             {expected}, found {:.4e} in the root mean square, largest {:.4e} at vertex {}, which is {:.3e} \
-             {unit} from its place; restore the file from a copy or fit the model again",
+            "the tensor `vertices` does not agree with the information of the model: expected {equation} \
+             to be {expected}, found {:.4e} in the root mean square, largest {:.4e} at vertex {}, which is \
+             {:.3e} {unit} from its place; restore the file from a copy or fit the model again",
             self.rms, self.largest, self.vertex, self.distance
         )))
     }

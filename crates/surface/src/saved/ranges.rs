@@ -1,7 +1,7 @@
 //! Ranges of the numbers of a file.
 //!
-//! In: numbers of a tensor or of the metadata. Out: nothing, or an error with the name, the index of the first
-//! number out of range, what was expected and what was found.
+//! In: numbers of a tensor or of the metadata. Out: nothing, or an error with the name, the index of the
+//! first number out of range, what was expected and what was found.
 
 use super::Metadata;
 use crate::model::{ScanPoseReport, SensorReport};
@@ -12,7 +12,8 @@ use std::fmt::Display;
 /// Largest share by which `|a_ij|` may exceed `√(a_ii a_jj)` in a positive semidefinite matrix.
 ///
 /// The exact bound is 0. Covariances of a patch filter are differences of numbers up to ten orders larger, so
-/// rounding leaves 1e-6 in strongly correlated entries. The check is for changed numbers, which differ by more.
+/// rounding leaves 1e-6 in strongly correlated entries. The check is for changed numbers, which differ by
+/// more.
 const MINOR_TOLERANCE: f64 = 1e-3;
 
 /// Largest deviation of the length of a quaternion from 1; a file with seven digits has 1e-7.
@@ -91,8 +92,8 @@ pub(super) fn check_pose(k: usize, pose: &ScanPoseReport) -> Result<()> {
     let length = pose.quaternion_xyzw.iter().map(|q| q * q).sum::<f64>().sqrt();
     if !((length - 1.0).abs() <= UNIT_TOLERANCE) {
         return Err(Error::input(format!(
-            "tensor `poses`, row {k}: expected a quaternion x y z w of length 1 in columns 3 to 6, found {} of \
-             length {length}",
+            "tensor `poses`, row {k}: expected a quaternion x y z w of length 1 in columns 3 to 6, found \
+             {} of length {length}",
             listed(&pose.quaternion_xyzw)
         )));
     }
