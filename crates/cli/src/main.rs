@@ -47,7 +47,6 @@ Exit codes:
   3    a file could not be read or written
   101  a bug in planish
   130  interrupted; nothing was written
-
 Run a command with -h for its main options, or with --help for all of them.
 Example: planish fit examples/data/pebble/job.toml -o part.step";
 

@@ -14,8 +14,8 @@ Examples:
   planish verify examples/data/pebble/job.toml examples/data/pebble/truth.ply
   planish verify part.planish part.ply part.step --json
 
-Prints one line per file. The exit code is 0 if all files are whole, 2 if one has a defect, and 3 if files
-could not be read.";
+Prints one line per file. The exit code is 0 if all files are whole, 2 if one has a defect, and 3
+if files could not be read.";
 
 /// Arguments of `planish verify`.
 #[derive(Debug, Args)]

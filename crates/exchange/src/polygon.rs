@@ -50,7 +50,7 @@ fn triangles(corners: &[DVec3]) -> Option<Vec<[u32; 3]>> {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let is_turned = normal[axis] < 0.0;
     let flat: Vec<[f64; 2]> = (0..corners.len())
-        .map(|k| from_first(k))
+        .map(from_first)
         .map(|p| if is_turned { [p[v], p[u]] } else { [p[u], p[v]] })
         .collect();
     triangulate_polygon(&flat).ok().filter(|triangles| !triangles.is_empty())

@@ -22,7 +22,7 @@ const RELATIVE_TOLERANCE: f64 = 1e-6;
 
 /// Largest residual of a vertex, in its own σ, if the file states none.
 ///
-/// With directions along the surface, which are not compared here, ten fits of the examples and of simulated
+/// With directions along the surface, which are not compared here, nine fits of the examples and of simulated
 /// scenes have 0.2 to 1.1; one that was stopped at 300 coefficients has 11. Three vertices of the pebble
 /// example that were moved by 5 mm have 97 to 222.
 const MAX_UNSTATED_RESIDUAL: f64 = 50.0;

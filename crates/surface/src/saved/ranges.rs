@@ -90,7 +90,9 @@ pub(super) fn check_metadata(metadata: &Metadata) -> Result<()> {
 /// `Input` that names the field.
 pub(super) fn check_pose(k: usize, pose: &ScanPoseReport) -> Result<()> {
     let length = pose.quaternion_xyzw.iter().map(|q| q * q).sum::<f64>().sqrt();
-    if !((length - 1.0).abs() <= UNIT_TOLERANCE) {
+    // False for NaN, too.
+    let is_unit = (length - 1.0).abs() <= UNIT_TOLERANCE;
+    if !is_unit {
         return Err(Error::input(format!(
             "tensor `poses`, row {k}: expected a quaternion x y z w of length 1 in columns 3 to 6, found \
              {} of length {length}",
