@@ -232,7 +232,8 @@ fn verify_mesh(path: &Path, unit: Option<Unit>) -> Result<Checked> {
         return Ok(checked);
     }
     let file = read_mesh(path)?;
-    let ranges: [(&str, &str, fn(f64) -> bool); 2] = [
+    type Valid = fn(f64) -> bool;
+    let ranges: [(&str, &str, Valid); 2] = [
         ("sigma", "a number ≥ 0", |sigma| sigma >= 0.0 && sigma.is_finite()),
         ("observed", "0, 1, 2 or 3", |mark| [0.0, 1.0, 2.0, 3.0].contains(&mark)),
     ];

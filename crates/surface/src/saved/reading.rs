@@ -112,7 +112,8 @@ impl Tensors {
         let found = (self.u32(&part("offsets"), &[])?, self.u32(&part("indices"), &[])?);
         if found != flat_pattern(pattern) {
             return Err(Error::input(format!(
-                "`{name}` couples other nodes than the cells do: the file was changed or is damaged"
+                "`{name}`: expected the couplings of the cells, found others: the file was changed or is \
+                 damaged"
             )));
         }
         let mut information = BlockInformation::zeros(Arc::clone(pattern), 3, 1)?;
@@ -219,7 +220,7 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
         Some(notes) => {
             let filter = notes.filter(shape, metadata.base, &mut tensors)?;
             if filter.space().leaves() != space.leaves() {
-                return Err(Error::input("the patches are not made of the cells"));
+                return Err(Error::input("expected patches of cells of the model, found others"));
             }
             Knowledge::Patches(Arc::new(filter))
         }
@@ -265,7 +266,8 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
     if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {
         return Err(Error::input(format!(
-            "a base grid of {} × {} cells does not fit {} leaves down to level {finest}",
+            "expected a base grid that fits the leaves, found {} × {} cells for {} leaves down to level \
+             {finest}",
             base[0],
             base[1],
             cells.len()
@@ -275,7 +277,9 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     let order = cells
         .iter()
         .map(|&cell| {
-            space.leaf_over(cell).ok_or_else(|| Error::input(format!("{cell:?} is no leaf of the hierarchy")))
+            space
+                .leaf_over(cell)
+                .ok_or_else(|| Error::input(format!("expected a leaf, found the cell {cell:?}")))
         })
         .collect::<Result<_>>()?;
     Ok((Arc::new(space), order))
