@@ -34,7 +34,7 @@ fn shapes() -> [BaseShape; 4] {
     [
         BaseShape::plane(DVec3::new(1.0, 2.0, 3.0), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [2.0, 1.5]),
         BaseShape::cylinder(DVec3::new(1.0, 2.0, 3.0), axis, 1.0, 2.0),
-        BaseShape::sphere(DVec3::new(1.0, 2.0, 3.0), 1.5, DVec3::from(axis)),
+        BaseShape::sphere(DVec3::new(1.0, 2.0, 3.0), 1.5, axis),
         BaseShape::torus(DVec3::new(1.0, 2.0, 3.0), axis, 2.0, 0.7),
     ]
 }
