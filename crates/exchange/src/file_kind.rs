@@ -52,7 +52,7 @@ pub enum FileKind {
     Picture,
 }
 
-/// Keys of the top level by which kinds of TOML files are told apart, the most specific first. All readers
+/// Keys of the top level that identify kinds of TOML files, the most specific first. All readers
 /// refuse unknown keys, so a file has the keys of one kind only.
 const TOML_KEYS: [(FileKind, &[&str]); 8] = [
     (FileKind::ScanList, &["scan", "sensor"]),

@@ -142,9 +142,14 @@ impl Checked {
         Self { contents, findings: Vec::new() }
     }
 
-    /// Contents that can be counted.
-    fn count(count: usize, things: &str) -> Self {
-        Self::new(format!("{count} {things}"))
+    /// Contents in which nothing is counted, if they can be read.
+    fn read(result: Result<()>, contents: &str) -> Result<Self> {
+        result.map(|()| Self::new(contents.to_owned()))
+    }
+
+    /// A number of items.
+    fn count(count: usize, items: &str) -> Self {
+        Self::new(format!("{count} {items}"))
     }
 }
 
@@ -155,26 +160,15 @@ fn verify(path: &Path, kind: FileKind, unit: Option<Unit>) -> Result<Checked> {
         FileKind::Mesh | FileKind::Step => verify_mesh(path, unit)?,
         FileKind::Views => verify_views(path)?,
         FileKind::Poses => Checked::count(read_poses(path)?.poses.len(), "poses"),
-        FileKind::DepthCamera => {
-            read_calibration(path)?;
-            Checked::new("depth camera".to_owned())
-        }
+        FileKind::DepthCamera => Checked::read(read_calibration(path).map(drop), "depth camera")?,
         FileKind::StereoCalibration => {
-            read_stereo_calibration(path)?;
-            Checked::new("stereo calibration".to_owned())
+            Checked::read(read_stereo_calibration(path).map(drop), "stereo calibration")?
         }
         FileKind::GridCalibration => {
-            read_grid_calibration(path)?;
-            Checked::new("camera, projector and stripes".to_owned())
+            Checked::read(read_grid_calibration(path).map(drop), "camera, projector and stripes")?
         }
-        FileKind::Lights => {
-            read_lights(path)?;
-            Checked::new("lights".to_owned())
-        }
-        FileKind::ViewSensor => {
-            read_view_sensor(path)?;
-            Checked::new("sensor for planned views".to_owned())
-        }
+        FileKind::Lights => Checked::read(read_lights(path).map(drop), "lights")?,
+        FileKind::ViewSensor => Checked::read(read_view_sensor(path).map(drop), "sensor for planned views")?,
         FileKind::Drawing => {
             let drawing = if extension(path) == "svg" { read_svg(path)? } else { read_dxf(path)? };
             let contents = format!("drawing of {} curves", drawing.curves.len());

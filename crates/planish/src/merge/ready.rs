@@ -303,7 +303,7 @@ fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {
         .into_par_iter()
         .map(|t| planish_mesh::triangle_shape(&mesh.corners(t)))
         .unzip();
-    // Unstable sorting is deterministic here: equal numbers cannot be told apart.
+    // Unstable sorting is deterministic here: equal numbers are interchangeable.
     angles.par_sort_unstable_by(f64::total_cmp);
     aspects.par_sort_unstable_by(f64::total_cmp);
     (!angles.is_empty()).then(|| TriangleQuality {

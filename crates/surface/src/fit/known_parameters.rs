@@ -16,7 +16,7 @@ use super::leaves::with_neighbours;
 use super::noise::{
     MIN_FOR_CONTRADICTION, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
 };
-use super::shared_errors::MAX_OVERSTATEMENT;
+use super::shared_errors::{MAX_OVERSTATEMENT, combined_variance};
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{
@@ -302,15 +302,13 @@ impl Solved {
 
     /// For each leaf the variance that readings have in common; empty if there is none.
     fn shared_variance(&self, noise: &NoiseScale) -> Vec<f64> {
-        // Information of each sensor, by its readings and their mean variance.
-        let weights: Vec<f64> = (self.residuals.iter().zip(&self.variances))
-            .map(|(r, v)| if r.count > 0 { (r.count as f64).powi(2) / (r.variance * v) } else { 0.0 })
-            .collect();
-        let total: f64 = weights.iter().sum();
-        let common: f64 = (self.residuals.iter().zip(&weights).zip(&noise.shared))
+        let sensors = (self.residuals.iter().zip(&self.variances).zip(&noise.shared))
             .filter(|((r, _), _)| r.count > 0)
-            .map(|((r, w), share)| (w / total).powi(2) * share * r.variance / r.count as f64)
-            .sum();
+            .map(|((r, v), share)| {
+                let (n, variance) = (r.count as f64, r.variance / r.count as f64);
+                [n / (variance * v), share * variance]
+            });
+        let common = combined_variance(sensors).unwrap_or(0.0);
         if common > 0.0 { vec![common; self.surface.space().leaves().len()] } else { Vec::new() }
     }
 

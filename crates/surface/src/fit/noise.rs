@@ -118,7 +118,7 @@ impl SensorNoise {
     /// Estimates every channel from its residuals, with a correction for the gate.
     ///
     /// Residuals larger than a stated σ contradict it. Smaller ones do not, because the surface follows
-    /// errors that neighbours share: a stated σ is lowered only if `rules` say so.
+    /// errors that neighbours share: a stated σ is lowered only if `rules` permit it.
     ///
     /// `degrees` are the effective degrees of freedom that each channel's readings determine; their χ² is
     /// smaller by that number. Before convergence the surface still misses shape, so a channel whose

@@ -89,17 +89,20 @@ impl Common {
         }
     }
 
-    /// `Σ_s (W_s/W)² c_s²` over sensors `s` with the information `W_s` and the common variance `c_s²`: errors
-    /// of different sensors are independent. `None` without readings.
+    /// Variance that the readings have in common. `None` without readings.
     fn variance(&self, shares: &[f64]) -> Option<f64> {
-        let total: f64 = self.0.iter().map(|[sum, _]| sum).sum();
-        (total > 0.0).then(|| {
-            (self.0.iter().zip(shares))
-                .filter(|([sum, _], _)| *sum > 0.0)
-                .map(|([sum, weighted], share)| (sum / total).powi(2) * share * weighted / sum)
-                .sum()
-        })
+        let sensors = (self.0.iter().zip(shares))
+            .filter(|([sum, _], _)| *sum > 0.0)
+            .map(|([sum, weighted], share)| [*sum, share * weighted / sum]);
+        combined_variance(sensors)
     }
+}
+
+/// `Σ_s (W_s/W)² c_s²` over sensors `s` with the information `W_s` and the common variance `c_s²`: errors of
+/// different sensors are independent. `None` without information.
+pub(super) fn combined_variance(sensors: impl Iterator<Item = [f64; 2]> + Clone) -> Option<f64> {
+    let total: f64 = sensors.clone().map(|[information, _]| information).sum();
+    (total > 0.0).then(|| sensors.map(|[information, common]| (information / total).powi(2) * common).sum())
 }
 
 #[cfg(test)]

@@ -124,13 +124,13 @@ impl Tensors {
     }
 }
 
-/// Requires a tensor to have a row for each of `expected` things.
-fn expect_rows(name: &str, found: usize, expected: usize, things: &str) -> Result<()> {
+/// Requires a tensor to have `expected` rows, one for each of the `items`.
+fn expect_rows(name: &str, found: usize, expected: usize, items: &str) -> Result<()> {
     if found == expected {
         return Ok(());
     }
     Err(Error::input(format!(
-        "tensor `{name}`: expected a row for each of {expected} {things}, found {found} rows"
+        "tensor `{name}`: expected a row for each of {expected} {items}, found {found} rows"
     )))
 }
 
