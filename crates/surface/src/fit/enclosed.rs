@@ -13,11 +13,18 @@
 
 use super::indicator::{BlurredIndicator, Indicator, MIN_BLUR_CELLS};
 use planish_core::{DVec3, DisjointSets};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// Smallest body, as a share of the volume of all.
 const MIN_BODY: f64 = 0.01;
 /// Distance of the levels from that of the points, in grid cells of the steepest slope.
 const LEVEL_SHIFT_CELLS: f64 = 0.75;
+
+/// A point has left the solid's surface if the indicator differs from the level by this share of its jump,
+/// and its slope is at most this share of that at the points: further than about 1.5 cells inside or outside.
+const STRAY_DIFFERENCE: f64 = 0.7;
+const STRAY_SLOPE: f64 = 0.3;
 
 /// What the readings enclose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,26 +35,62 @@ pub(super) struct EnclosedTopology {
     pub handles: usize,
 }
 
-/// The topology of the solid that points with outward normals enclose.
-pub(super) fn enclosed_topology(points: &[DVec3], normals: &[DVec3]) -> EnclosedTopology {
-    let indicator = Indicator::new(points, normals);
-    let field = indicator.blurred(MIN_BLUR_CELLS * indicator.cell());
-    let level = field.level(points);
-    let shift = LEVEL_SHIFT_CELLS * indicator.cell() * field.steepness(points);
-    let at = [level, level - shift, level + shift].map(|level| topology(&field, level));
-    EnclosedTopology {
-        bodies: at.iter().map(|found| found.bodies).min().unwrap_or(0),
-        handles: at.iter().map(|found| found.handles).min().unwrap_or(0),
+impl EnclosedTopology {
+    /// True if a ball can have it.
+    pub(super) fn is_ball(self) -> bool {
+        self.bodies <= 1 && self.handles == 0
+    }
+}
+
+/// The solid that points with outward normals enclose.
+pub(super) struct EnclosedSolid {
+    field: BlurredIndicator,
+    level: f64,
+    /// Slope of the indicator at the points, and its difference between inside and the level.
+    steepness: f64,
+    jump: f64,
+    pub topology: EnclosedTopology,
+}
+
+impl EnclosedSolid {
+    pub(super) fn new(points: &[DVec3], normals: &[DVec3]) -> Self {
+        let indicator = Indicator::new(points, normals);
+        let field = indicator.blurred(MIN_BLUR_CELLS * indicator.cell());
+        let level = field.level(points);
+        let steepness = field.steepness(points);
+        let step = indicator.cell() * steepness;
+        let levels = [0.0, -LEVEL_SHIFT_CELLS, LEVEL_SHIFT_CELLS];
+        let at: Vec<EnclosedTopology> =
+            levels.par_iter().map(|shift| topology(&field, level + shift * step)).collect();
+        let topology = EnclosedTopology {
+            bodies: at.iter().map(|found| found.bodies).min().unwrap_or(0),
+            handles: at.iter().map(|found| found.handles).min().unwrap_or(0),
+        };
+        let jump = field.inside() - level;
+        Self { field, level, steepness, jump, topology }
+    }
+
+    /// True if a point is far from the surface of the solid, inside or outside: a film across a hole, or two
+    /// ends of a surface that meet.
+    pub(super) fn is_stray(&self, point: DVec3) -> bool {
+        let (value, gradient) = self.field.sample(point);
+        (value - self.level).abs() > STRAY_DIFFERENCE * self.jump
+            && gradient.length() < STRAY_SLOPE * self.steepness
     }
 }
 
 /// The topology of the cells above a level.
 fn topology(field: &BlurredIndicator, level: f64) -> EnclosedTopology {
-    let (values, n) = field.grid_values();
-    let mut inside: Vec<bool> = values.iter().map(|value| *value > level).collect();
-    // The grid reaches far beyond the points; a closed border keeps its wrap-around out.
-    let on_border = |k: usize| [k % n, k / n % n, k / n / n].iter().any(|&c| c == 0 || c + 1 == n);
-    (0..inside.len()).filter(|&k| on_border(k)).for_each(|k| inside[k] = false);
+    let (values, cells) = field.grid_values();
+    // The grid reaches far beyond the points, where it is periodic: only its middle is of interest.
+    let margin = cells / 8;
+    let n = cells - 2 * margin;
+    let is_inside = |k: usize| {
+        let [a, b, c] = [k % n, k / n % n, k / n / n];
+        let on_border = [a, b, c].iter().any(|&x| x == 0 || x + 1 == n);
+        !on_border && values[((c + margin) * cells + b + margin) * cells + a + margin] > level
+    };
+    let mut inside: Vec<bool> = (0..n.pow(3)).map(is_inside).collect();
     let bodies = keep_large_bodies(&mut inside, n);
     let cavities = components(&inside, n, false).len().saturating_sub(1);
     let handles = (bodies + cavities) as i64 - euler_characteristic(&inside, n);
@@ -89,7 +132,7 @@ fn components(inside: &[bool], n: usize, wanted: bool) -> Vec<Vec<u32>> {
             }
         }
     }
-    let mut all: std::collections::BTreeMap<u32, Vec<u32>> = std::collections::BTreeMap::new();
+    let mut all: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (k, root) in (0..).zip(sets.into_roots()) {
         if inside[k as usize] == wanted {
             all.entry(root).or_default().push(k);
@@ -150,7 +193,7 @@ mod tests {
     #[test]
     fn bodies_and_handles_are_counted() {
         let count = |(points, normals): (Vec<DVec3>, Vec<DVec3>)| {
-            let found = enclosed_topology(&points, &normals);
+            let found = EnclosedSolid::new(&points, &normals).topology;
             (found.bodies, found.handles)
         };
         let both = |a: (Vec<DVec3>, Vec<DVec3>), b: (Vec<DVec3>, Vec<DVec3>)| {

@@ -146,7 +146,7 @@ pub(super) fn finish(
     // readings.
     let verdict = if earlier.is_none() {
         this.refuse_minority_surface()?;
-        this.verdict(surface.space().shape())?
+        this.verdict(&surface)?
     } else {
         Verdict::default()
     };
@@ -371,12 +371,12 @@ impl Finishing<'_> {
     }
 
     /// Judges whether the surface follows its readings. What lies on the ground is not followed on purpose.
-    fn verdict(&self, shape: planish_spline::Shape) -> Result<Verdict> {
+    fn verdict(&self, surface: &planish_spline::Surface) -> Result<Verdict> {
         if self.options.ground().is_some() {
             return Ok(Verdict::default());
         }
         let FitOptions { gate, force, .. } = *self.options;
-        judge_surface(self.readings(), VerdictInput { shape, gate, force, origin: self.origin })
+        judge_surface(surface, self.readings(), VerdictInput { gate, force, origin: self.origin })
     }
 
     /// What is known about the vertices, before the poses and biases of scans.

@@ -19,6 +19,7 @@ use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_sense::Neighbourhoods;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Readings that are judged; more would only take longer.
 const MAX_JUDGED: usize = 40_000;
@@ -184,7 +185,7 @@ fn clusters(near: &Neighbourhoods, marked: &[bool]) -> Vec<Vec<usize>> {
             }
         }
     }
-    let mut all: std::collections::BTreeMap<u32, Vec<usize>> = std::collections::BTreeMap::new();
+    let mut all: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (i, root) in sets.into_roots().into_iter().enumerate().filter(|(i, _)| marked[*i]) {
         all.entry(root).or_default().push(i);
     }
