@@ -6,9 +6,11 @@
 //! Around each of a set of *reference points* a plane is fitted to the nearest others by least median of
 //! squares: the median of the absolute residuals is the smallest of many planes through three neighbours
 //! (Rousseeuw 1984, *Least median of squares regression*, JASA 79). Up to half of the neighbours may be
-//! wrong. The plane is flat enough to count if its scatter is small against the radius of the
-//! neighbourhood; neighbours in a volume of gross errors have no such plane. A point is on a surface if
-//! planes of references near it pass within [`GATE`] scatters of it.
+//! wrong. A quadratic height field over this plane, fitted to the neighbours near it, is the *patch* of the
+//! reference; its scatter is that of the noise, whatever the curvature. A patch counts if most neighbours
+//! are near it and its scatter is small against its radius and like that of other patches; neighbours in a
+//! volume of gross errors have no such patch. A point is on a surface if patches of references near it pass
+//! within [`GATE`] scatters of it.
 //!
 //! Where the noise is larger than the spacing, no neighbourhood is flat. References are then thinned until
 //! the typical neighbourhood is.
@@ -17,9 +19,10 @@
 //! marked. A cluster of gross errors that itself forms a surface is marked.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{SMatrix, SVector};
+use planish_core::DVec3;
 use planish_core::random::SplitMix64;
-use planish_core::vector3::as_arrays;
-use planish_core::{DVec3, SymmetricMatrix3};
+use planish_core::vector3::{as_arrays, tangents};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::num::NonZero;
@@ -37,21 +40,28 @@ const NEIGHBOURS_SHARE: usize = 16;
 /// Planes through three neighbours that are tried. With 45 % of gross errors among the neighbours, all of 24
 /// contain one with a probability of 1 %.
 const TRIED_PLANES: usize = 24;
-/// Largest scatter over radius of a plane that counts. Points that fill a ball evenly have about 0.4.
+/// Neighbours near the patch, as a share of all, below which it does not count.
+const MIN_INLIERS: f64 = 0.5;
+/// Largest scatter over radius of a patch that counts. Points that fill a ball evenly have about 0.4.
 const MAX_FLATNESS: f64 = 0.27;
-/// A plane counts only if its scatter is at most this many times that of the more even half of the planes,
-/// or this share of its radius. Gross errors in a volume can be flat by chance, but not as flat as a surface;
-/// sparse parts of a curved surface are.
-const MAX_TYPICAL_SCATTERS: f64 = 8.0;
-const EVENLY_FLAT: f64 = 0.04;
+/// A patch counts only if its scatter is at most this many times that of the more even part of the patches,
+/// or this share of its radius. Gross errors in a volume can be flat by chance, but not as flat as a surface.
+const MAX_TYPICAL_SCATTERS: f64 = 6.0;
+const EVENLY_FLAT: f64 = 0.02;
 /// References are thinned while the scatter over radius of the flattest third is above this value.
 const THINNING_FLATNESS: f64 = 0.1;
-/// A plane passes a point within this many scatters. A smaller gate loses readings in the tails of the
+/// A patch passes a point within this many scatters. A smaller gate loses readings in the tails of the
 /// noise, a larger one takes gross errors along.
 const GATE: f64 = 3.5;
-/// References that are asked about a point, and how many planes have to pass it.
+/// A patch says nothing about points farther from its reference than this many radii.
+const MAX_DISTANCE_RADII: f64 = 1.2;
+/// References that are asked about a point, and how many patches have to pass it.
 const ASKED: usize = 6;
 const MIN_VOTES: usize = 2;
+/// A patch that passes a point at more than this many scatters belongs to another layer if its normal is
+/// parallel up to 25°.
+const LAYER_GATE: f64 = 7.0;
+const PARALLEL: f64 = 0.9;
 /// σ of a normal distribution over its median absolute deviation.
 const MAD_TO_SIGMA: f64 = 1.4826;
 
@@ -60,25 +70,64 @@ const MAD_TO_SIGMA: f64 = 1.4826;
 pub struct SurfaceConsensus {
     /// True for points on a surface that their neighbours agree on.
     pub on_surface: Vec<bool>,
-    /// Unit normal of the plane near each point, with arbitrary sign; zero for other points.
+    /// Unit normal of the surface near each point, with arbitrary sign; zero for other points.
     pub normals: Vec<DVec3>,
+    /// Share of the points on a surface near which another surface runs parallel, farther away than noise
+    /// explains: a second layer, or the other side of a thin plate.
+    pub layered_share: f64,
+    /// Typical scatter about the surface: σ of the noise along the normal.
+    pub scatter: f64,
 }
 
-/// The plane of a reference point.
+/// Coefficients of a quadratic height field.
+const COEFFICIENTS: usize = 6;
+
+/// The patch of a reference point: heights over a plane.
 #[derive(Clone, Copy)]
-struct Plane {
+struct Patch {
     middle: DVec3,
-    /// Zero if the neighbours have no flat plane.
-    normal: DVec3,
+    /// Two tangents and the normal; the normal is zero if the neighbours have no patch.
+    frame: [DVec3; 3],
+    /// Height `c · (1, x, y, x², xy, y²)`, where x and y are in radii.
+    heights: [f64; COEFFICIENTS],
     scatter: f64,
     /// Distance of the farthest neighbour.
     radius: f64,
 }
 
+impl Patch {
+    fn exists(&self) -> bool {
+        self.frame[2] != DVec3::ZERO
+    }
+
+    /// Distance of a point from the patch along the plane's normal, less what the slope adds to it.
+    fn distance(&self, p: DVec3) -> f64 {
+        let d = p - self.middle;
+        let [x, y] = [0, 1].map(|k| d.dot(self.frame[k]) / self.radius);
+        let height: f64 = self.heights.iter().zip(monomials(x, y)).map(|(c, m)| c * m).sum();
+        let [_, cx, cy, xx, xy, yy] = self.heights;
+        let slope = [cx + 2.0 * xx * x + xy * y, cy + xy * x + 2.0 * yy * y].map(|s| s / self.radius);
+        (d.dot(self.frame[2]) - height).abs() / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt()
+    }
+
+    /// The normal at the foot of a point.
+    fn normal(&self, p: DVec3) -> DVec3 {
+        let d = p - self.middle;
+        let [x, y] = [0, 1].map(|k| d.dot(self.frame[k]) / self.radius);
+        let [_, cx, cy, xx, xy, yy] = self.heights;
+        let slope = [cx + 2.0 * xx * x + xy * y, cy + xy * x + 2.0 * yy * y].map(|s| s / self.radius);
+        (self.frame[2] - slope[0] * self.frame[0] - slope[1] * self.frame[1]).normalize_or_zero()
+    }
+}
+
+fn monomials(x: f64, y: f64) -> [f64; COEFFICIENTS] {
+    [1.0, x, y, x * x, x * y, y * y]
+}
+
 /// Finds the points that lie on a surface with their neighbours; none for clouds of fewer than
 /// [`MIN_FOR_CONSENSUS`] points, whose neighbourhoods span the object.
 ///
-/// Cost: one tree of at most 40,000 points, a robust plane for each of them, and one query for each point,
+/// Cost: one tree of at most 40,000 points, a robust patch for each of them, and one query for each point,
 /// in parallel.
 ///
 /// # Errors
@@ -102,16 +151,32 @@ pub fn surface_consensus(points: &[DVec3]) -> Result<Option<SurfaceConsensus>> {
         return Ok(None);
     }
     let references = References::new(points)?;
-    let found: Vec<(bool, DVec3)> =
-        points.par_iter().with_min_len(256).map(|p| references.judge(*p)).collect();
-    let (on_surface, normals) = found.into_iter().unzip();
-    Ok(Some(SurfaceConsensus { on_surface, normals }))
+    let found: Vec<Judgement> = points.par_iter().with_min_len(256).map(|p| references.judge(*p)).collect();
+    let on = found.iter().filter(|f| f.on_surface);
+    let (count, layered) =
+        on.fold((0_usize, 0_usize), |(count, layered), f| (count + 1, layered + usize::from(f.is_layered)));
+    Ok(Some(SurfaceConsensus {
+        on_surface: found.iter().map(|f| f.on_surface).collect(),
+        normals: found.iter().map(|f| f.normal).collect(),
+        layered_share: layered as f64 / count.max(1) as f64,
+        scatter: references.scatter,
+    }))
 }
 
-/// The reference points with their planes.
+/// What patches say about a point.
+#[derive(Clone, Copy, Default)]
+struct Judgement {
+    on_surface: bool,
+    normal: DVec3,
+    is_layered: bool,
+}
+
+/// The reference points with their patches.
 struct References {
     tree: ImmutableKdTree<f64, 3>,
-    planes: Vec<Plane>,
+    patches: Vec<Patch>,
+    /// Typical scatter of the patches.
+    scatter: f64,
 }
 
 impl References {
@@ -132,45 +197,54 @@ impl References {
         }
         let chosen = best.map(|(_, chosen)| chosen).unwrap_or_default();
         let tree = tree_of(&chosen)?;
-        let mut planes: Vec<Plane> = (0..chosen.len())
+        let mut patches: Vec<Patch> = (0..chosen.len())
             .into_par_iter()
             .with_min_len(128)
-            .map(|i| plane_around(&chosen, &tree, i))
+            .map(|i| patch_around(&chosen, &tree, i))
             .collect();
-        let mut scatters: Vec<f64> =
-            planes.iter().filter(|p| p.normal != DVec3::ZERO).map(|p| p.scatter).collect();
+        let mut scatters: Vec<f64> = patches.iter().filter(|p| p.exists()).map(|p| p.scatter).collect();
+        let mut scatter = 0.0;
         if !scatters.is_empty() {
             let quarter = scatters.len() / 4;
             let typical = *scatters.select_nth_unstable_by(quarter, f64::total_cmp).1;
-            for plane in &mut planes {
-                if plane.scatter > (MAX_TYPICAL_SCATTERS * typical).max(EVENLY_FLAT * plane.radius) {
-                    plane.normal = DVec3::ZERO;
+            for patch in &mut patches {
+                if patch.scatter > (MAX_TYPICAL_SCATTERS * typical).max(EVENLY_FLAT * patch.radius) {
+                    patch.frame[2] = DVec3::ZERO;
                 }
             }
+            scatter = typical;
         }
-        Ok(Self { tree, planes })
+        Ok(Self { tree, patches, scatter })
     }
 
-    /// Whether a point is on a surface, and the normal there.
-    fn judge(&self, p: DVec3) -> (bool, DVec3) {
-        let asked = NonZero::new(ASKED.min(self.planes.len())).unwrap_or(NonZero::<usize>::MIN);
+    /// Whether a point is on a surface, the normal there, and whether another surface runs parallel.
+    fn judge(&self, p: DVec3) -> Judgement {
+        let asked = NonZero::new(ASKED.min(self.patches.len())).unwrap_or(NonZero::<usize>::MIN);
         let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
-        let (mut votes, mut best, mut normal) = (0, f64::MAX, DVec3::ZERO);
+        let (mut votes, mut least, mut best) = (0, f64::MAX, None);
+        let mut others: Vec<&Patch> = Vec::new();
         for neighbour in near {
-            let plane = &self.planes[neighbour.item as usize];
-            let d = p - plane.middle;
-            if plane.normal == DVec3::ZERO || d.length() > 2.0 * plane.radius {
+            let patch = &self.patches[neighbour.item as usize];
+            let reach = MAX_DISTANCE_RADII * patch.radius;
+            if !patch.exists() || (p - patch.middle).length() > reach {
                 continue;
             }
-            let off = plane.normal.dot(d).abs() / plane.scatter;
+            let off = patch.distance(p) / patch.scatter;
             if off <= GATE {
                 votes += 1;
-                if off < best {
-                    (best, normal) = (off, plane.normal);
+                if off < least {
+                    (least, best) = (off, Some(patch));
                 }
+            } else if off > LAYER_GATE {
+                others.push(patch);
             }
         }
-        if votes >= MIN_VOTES { (true, normal) } else { (false, DVec3::ZERO) }
+        let Some(patch) = best.filter(|_| votes >= MIN_VOTES) else {
+            return Judgement::default();
+        };
+        let normal = patch.normal(p);
+        let parallel = others.iter().filter(|other| other.normal(p).dot(normal).abs() > PARALLEL).count();
+        Judgement { on_surface: true, normal, is_layered: parallel >= MIN_VOTES }
     }
 }
 
@@ -197,8 +271,8 @@ fn typical_flatness(points: &[DVec3]) -> Result<f64> {
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|i| {
-            let plane = plane_around(points, &tree, i);
-            if plane.normal == DVec3::ZERO { 1.0 } else { plane.scatter / plane.radius }
+            let patch = patch_around(points, &tree, i);
+            if patch.exists() { patch.scatter / patch.radius } else { 1.0 }
         })
         .collect();
     let third = ratios.len() / 3;
@@ -210,15 +284,21 @@ fn tree_of(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
         .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
 }
 
-/// The robust plane of the neighbours of point `i`; its normal is zero if they have none.
-fn plane_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> Plane {
+/// The robust patch of the neighbours of point `i`.
+fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> Patch {
     let k = (points.len() / NEIGHBOURS_SHARE).clamp(MIN_NEIGHBOURS, NEIGHBOURS).min(points.len());
     let count = NonZero::new(k).unwrap_or(NonZero::<usize>::MIN);
     let found = tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
     let near: Vec<DVec3> = found.iter().map(|n| points[n.item as usize]).collect();
     let radius = found.iter().map(|n| n.distance).fold(0.0_f64, f64::max).sqrt();
-    let none = Plane { middle: points[i], normal: DVec3::ZERO, scatter: f64::MAX, radius };
-    if near.len() < 4 || radius <= 0.0 {
+    let none = Patch {
+        middle: points[i],
+        frame: [DVec3::ZERO; 3],
+        heights: [0.0; COEFFICIENTS],
+        scatter: f64::MAX,
+        radius,
+    };
+    if near.len() <= COEFFICIENTS || radius <= 0.0 {
         return none;
     }
     let Some((normal, offset, median)) = least_median_plane(&near, i) else {
@@ -226,14 +306,50 @@ fn plane_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
     };
     // With few neighbours, the smallest median is too small by about 1 + 5/(n − 3) (Rousseeuw & Leroy 1987).
     let correction = 1.0 + 5.0 / (near.len() as f64 - 3.0);
-    // Exact points of a plane have no scatter at all: rounding takes its place.
+    // Exact points of a quadric have no scatter at all: rounding takes its place.
     let floor = 1e-9 * (radius + points[i].length());
-    let rough = (MAD_TO_SIGMA * correction * median).max(floor);
-    let inliers: Vec<DVec3> =
-        near.iter().copied().filter(|p| (normal.dot(*p) - offset).abs() <= 2.5 * rough).collect();
-    let (middle, normal, variance) = least_squares_plane(&inliers);
-    let scatter = variance.max(0.0).sqrt().max(floor);
-    if scatter <= MAX_FLATNESS * radius { Plane { middle, normal, scatter, radius } } else { none }
+    let (along, across) = tangents(normal);
+    let base = Patch {
+        middle: points[i] - (normal.dot(points[i]) - offset) * normal,
+        frame: [along, across, normal],
+        scatter: (MAD_TO_SIGMA * correction * median).max(floor),
+        ..none
+    };
+    // The plane finds most of the correct neighbours, the height field over it all of them.
+    let mut patch = base;
+    for _ in 0..2 {
+        let inliers: Vec<DVec3> =
+            near.iter().copied().filter(|p| patch.distance(*p) <= 3.0 * patch.scatter).collect();
+        let degrees = inliers.len() as f64 - COEFFICIENTS as f64;
+        if (inliers.len() as f64) < MIN_INLIERS * near.len() as f64 || degrees <= 0.0 {
+            return none;
+        }
+        let Some(heights) = height_field(&base, &inliers) else {
+            return none;
+        };
+        patch.heights = heights;
+        let squares: f64 = inliers.iter().map(|p| patch.distance(*p).powi(2)).sum();
+        patch.scatter = (squares / degrees).sqrt().max(floor);
+    }
+    if patch.scatter <= MAX_FLATNESS * radius { patch } else { none }
+}
+
+/// Least-squares heights of points over the plane of a patch; none if the points do not determine them.
+fn height_field(patch: &Patch, points: &[DVec3]) -> Option<[f64; COEFFICIENTS]> {
+    let mut normal_equations = SMatrix::<f64, COEFFICIENTS, COEFFICIENTS>::zeros();
+    let mut right = SVector::<f64, COEFFICIENTS>::zeros();
+    for p in points {
+        let d = *p - patch.middle;
+        let [x, y] = [0, 1].map(|k| d.dot(patch.frame[k]) / patch.radius);
+        let row = SVector::from(monomials(x, y));
+        normal_equations += row * row.transpose();
+        right += d.dot(patch.frame[2]) * row;
+    }
+    // A trace of ridge: neighbours in a row determine no curvature across it.
+    for k in 0..COEFFICIENTS {
+        normal_equations[(k, k)] += 1e-6 * points.len() as f64;
+    }
+    Some(normal_equations.cholesky()?.solve(&right).into())
 }
 
 /// Normal, offset and median absolute residual of the best of the planes through three of the points.
@@ -259,18 +375,6 @@ fn least_median_plane(near: &[DVec3], seed: usize) -> Option<(DVec3, f64, f64)> 
         }
     }
     best
-}
-
-/// Mean, normal and variance about the plane of least squares, with three degrees of freedom less.
-fn least_squares_plane(points: &[DVec3]) -> (DVec3, DVec3, f64) {
-    let count = points.len() as f64;
-    let middle = points.iter().sum::<DVec3>() / count.max(1.0);
-    let mut moments = SymmetricMatrix3::ZERO;
-    for p in points {
-        moments.add_outer(1.0, *p - middle);
-    }
-    let (axes, values) = moments.eigen();
-    (middle, axes[2], values[2] / (count - 3.0).max(1.0))
 }
 
 /// The nearest neighbours of every point of a cloud.

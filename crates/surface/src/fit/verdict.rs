@@ -6,7 +6,7 @@
 use super::enclosed::{EnclosedSolid, EnclosedTopology};
 use super::leaves::leaf_areas;
 use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
-use crate::observe::{Observations, ProjectedReadings};
+use crate::observe::{Observations, ProjectedReadings, Quantity};
 use planish_core::numbers::significant;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
@@ -20,6 +20,9 @@ const MAX_UNRESOLVED_OF_OTHER_TOPOLOGY: f64 = 0.005;
 /// Largest share of the surface that may be far from the solid that the readings enclose, if that has
 /// another topology.
 const MAX_STRAY: f64 = 0.003;
+/// Median distance of the readings from the surface, in σ of their noise, from which a surface runs between
+/// two layers. Readings of one layer have 0.67.
+const LAYERS_APART: f64 = 2.0;
 /// Places that a report lists.
 const MAX_PLACES: usize = 20;
 /// Readings from which the enclosed solid is found.
@@ -76,6 +79,11 @@ pub(super) fn judge_surface(
     readings: ProjectedReadings<'_>,
     input: VerdictInput,
 ) -> Result<Verdict> {
+    if let Some(text) = layers(readings)
+        && !input.force
+    {
+        return Err(Error::undetermined(text).with_setting(Setting::Force));
+    }
     let misfit = surface_misfit(readings, input.gate, input.origin)?;
     let shape = surface.space().shape();
     let solid = (shape == Shape::Ball).then(|| solid_of(readings.observations)).flatten();
@@ -109,6 +117,30 @@ pub(super) fn judge_surface(
         (FitVerdict::Unresolved, FindingCode::SurfaceMisfit)
     };
     Ok(Verdict { verdict, misfit, finding: Some(Finding::new(code, text)) })
+}
+
+/// A sentence on two layers of readings between which the surface runs; none if it follows one of them, or
+/// both, as the sides of a thin plate.
+fn layers(readings: ProjectedReadings<'_>) -> Option<String> {
+    let noise = readings.observations.intake.layers?;
+    let on_surface = |k: usize| readings.observations.readings.on_surface[readings.subset[k] as usize];
+    let mut distances: Vec<f64> = (readings.feet.iter().enumerate())
+        .filter(|(k, foot)| foot.quantity == Quantity::Position && on_surface(*k))
+        .map(|(_, foot)| foot.height().abs())
+        .collect();
+    let middle = distances.len() / 2;
+    if distances.is_empty() {
+        return None;
+    }
+    let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
+    (median > LAYERS_APART * noise).then(|| {
+        format!(
+            "the readings of a scan lie in two layers about {} apart, {} times the noise of each, and the \
+             surface runs between them: remove one layer, or give each its own file and align them",
+            significant(2.0 * median, 2),
+            significant(2.0 * median / noise, 2)
+        )
+    })
 }
 
 /// Share of the area whose leaves have their middle far from a solid.

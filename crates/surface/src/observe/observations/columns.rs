@@ -144,6 +144,8 @@ pub struct IntakeFigures {
     pub ground: bool,
     /// Pairs of scans of which the second repeats readings of the first.
     pub(super) copies: BTreeSet<(u32, u32)>,
+    /// Noise along the normal, if a scan shows two parallel layers farther apart than that.
+    pub layers: Option<f64>,
     /// Scans whose stated normals contradict their neighbours.
     pub(super) unreliable_normals: Vec<(u32, UnreliableNormals)>,
 }

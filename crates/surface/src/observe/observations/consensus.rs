@@ -12,6 +12,8 @@ use planish_sense::{MIN_FOR_CONSENSUS, Neighbourhoods, Scan, Sensor, SurfaceCons
 /// A scan is judged on its own as well if more than this share of it is off the surface of all scans: the
 /// scans may be displaced against each other.
 const MAX_OFF_SURFACE: f64 = 0.05;
+/// Share of a scan near which another surface runs parallel, from which the scan has two layers.
+const MAX_LAYERED: f64 = 0.3;
 /// Cosine between a stated normal and the plane of the neighbours below which they contradict each other.
 const MIN_COSINE: f64 = 0.5;
 /// Share of contradictions above which the normals of a scan are not used.
@@ -51,15 +53,20 @@ impl Observations {
             if own.len() < MIN_FOR_CONSENSUS {
                 // A few touches are placed on purpose, and no cloud of their own shows a surface.
                 own.iter().for_each(|&i| self.readings.on_surface[i] = true);
-            } else if own.len() < positions.len() && off as f64 > MAX_OFF_SURFACE * own.len() as f64 {
+            } else if own.len() < positions.len()
+                && (off as f64 > MAX_OFF_SURFACE * own.len() as f64 || found.layered_share > MAX_LAYERED)
+            {
                 let again: Vec<usize> =
                     own.iter().copied().filter(|&i| !self.readings.on_surface[i]).collect();
                 if let Some(alone) = surface_consensus(&self.points_of(own))? {
+                    self.note_layers(&alone);
                     let of_scan = own.iter().zip(alone.on_surface.iter().zip(&alone.normals));
                     for (&i, (&on, normal)) in of_scan.filter(|(i, _)| again.binary_search(i).is_ok()) {
                         self.mark(i, on, normal.as_vec3());
                     }
                 }
+            } else if own.len() == positions.len() {
+                self.note_layers(&found);
             }
             if scans[s].normals.is_some() {
                 self.check_normals(s, own)?;
@@ -69,6 +76,13 @@ impl Observations {
             self.complete_normal(i, normal.as_vec3());
         }
         Ok(())
+    }
+
+    /// Layers within one scan are no error of a pose between scans.
+    fn note_layers(&mut self, of_scan: &SurfaceConsensus) {
+        if of_scan.layered_share > MAX_LAYERED {
+            self.intake.layers = Some(of_scan.scatter);
+        }
     }
 
     fn measures_positions(&self, i: usize, sensors: &[Sensor]) -> bool {
