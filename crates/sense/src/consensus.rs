@@ -100,9 +100,9 @@ impl Patch {
         self.frame[2] != DVec3::ZERO
     }
 
-    /// Distance of a point from the patch along the plane's normal, less what the slope adds to it.
-    fn distance(&self, p: DVec3) -> f64 {
-        let d = p - self.middle;
+    /// Distance of a point, relative to the middle, from the patch: along the plane's normal, less what the
+    /// slope adds to it.
+    fn distance(&self, d: DVec3) -> f64 {
         let [x, y] = [0, 1].map(|k| d.dot(self.frame[k]) / self.radius);
         let height: f64 = self.heights.iter().zip(monomials(x, y)).map(|(c, m)| c * m).sum();
         let [_, cx, cy, xx, xy, yy] = self.heights;
@@ -110,9 +110,8 @@ impl Patch {
         (d.dot(self.frame[2]) - height).abs() / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt()
     }
 
-    /// The normal at the foot of a point.
-    fn normal(&self, p: DVec3) -> DVec3 {
-        let d = p - self.middle;
+    /// The normal at the foot of a point, relative to the middle.
+    fn normal(&self, d: DVec3) -> DVec3 {
         let [x, y] = [0, 1].map(|k| d.dot(self.frame[k]) / self.radius);
         let [_, cx, cy, xx, xy, yy] = self.heights;
         let slope = [cx + 2.0 * xx * x + xy * y, cy + xy * x + 2.0 * yy * y].map(|s| s / self.radius);
@@ -229,7 +228,7 @@ impl References {
             if !patch.exists() || (p - patch.middle).length() > reach {
                 continue;
             }
-            let off = patch.distance(p) / patch.scatter;
+            let off = patch.distance(p - patch.middle) / patch.scatter;
             if off <= GATE {
                 votes += 1;
                 if off < least {
@@ -242,8 +241,8 @@ impl References {
         let Some(patch) = best.filter(|_| votes >= MIN_VOTES) else {
             return Judgement::default();
         };
-        let normal = patch.normal(p);
-        let parallel = others.iter().filter(|other| other.normal(p).dot(normal).abs() > PARALLEL).count();
+        let normal = patch.normal(p - patch.middle);
+        let parallel = others.iter().filter(|other| other.normal(p - other.middle).dot(normal).abs() > PARALLEL).count();
         Judgement { on_surface: true, normal, is_layered: parallel >= MIN_VOTES }
     }
 }
@@ -289,7 +288,8 @@ fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
     let k = (points.len() / NEIGHBOURS_SHARE).clamp(MIN_NEIGHBOURS, NEIGHBOURS).min(points.len());
     let count = NonZero::new(k).unwrap_or(NonZero::<usize>::MIN);
     let found = tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
-    let near: Vec<DVec3> = found.iter().map(|n| points[n.item as usize]).collect();
+    // About the reference: far from the origin, products of coordinates lose the digits that matter here.
+    let near: Vec<DVec3> = found.iter().map(|n| points[n.item as usize] - points[i]).collect();
     let radius = found.iter().map(|n| n.distance).fold(0.0_f64, f64::max).sqrt();
     let none = Patch {
         middle: points[i],
@@ -307,11 +307,11 @@ fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
     // With few neighbours, the smallest median is too small by about 1 + 5/(n − 3) (Rousseeuw & Leroy 1987).
     let correction = 1.0 + 5.0 / (near.len() as f64 - 3.0);
     // Exact points of a quadric have no scatter at all: rounding takes its place.
-    let floor = 1e-9 * (radius + points[i].length());
+    let floor = 1e-9 * radius + 4.0 * f64::EPSILON * points[i].length();
     let (along, across) = tangents(normal);
     let base = Patch {
-        middle: points[i] - (normal.dot(points[i]) - offset) * normal,
         frame: [along, across, normal],
+        heights: [offset, 0.0, 0.0, 0.0, 0.0, 0.0],
         scatter: (MAD_TO_SIGMA * correction * median).max(floor),
         ..none
     };
@@ -319,7 +319,7 @@ fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
     let mut patch = base;
     for _ in 0..2 {
         let inliers: Vec<DVec3> =
-            near.iter().copied().filter(|p| patch.distance(*p) <= 3.0 * patch.scatter).collect();
+            near.iter().copied().filter(|d| patch.distance(*d) <= 3.0 * patch.scatter).collect();
         let degrees = inliers.len() as f64 - COEFFICIENTS as f64;
         if (inliers.len() as f64) < MIN_INLIERS * near.len() as f64 || degrees <= 0.0 {
             return none;
@@ -328,18 +328,17 @@ fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
             return none;
         };
         patch.heights = heights;
-        let squares: f64 = inliers.iter().map(|p| patch.distance(*p).powi(2)).sum();
+        let squares: f64 = inliers.iter().map(|d| patch.distance(*d).powi(2)).sum();
         patch.scatter = (squares / degrees).sqrt().max(floor);
     }
     if patch.scatter <= MAX_FLATNESS * radius { patch } else { none }
 }
 
-/// Least-squares heights of points over the plane of a patch; none if the points do not determine them.
+/// Least-squares heights of points, relative to its middle, over the plane of a patch; none if the points do not determine them.
 fn height_field(patch: &Patch, points: &[DVec3]) -> Option<[f64; COEFFICIENTS]> {
     let mut normal_equations = SMatrix::<f64, COEFFICIENTS, COEFFICIENTS>::zeros();
     let mut right = SVector::<f64, COEFFICIENTS>::zeros();
-    for p in points {
-        let d = *p - patch.middle;
+    for d in points {
         let [x, y] = [0, 1].map(|k| d.dot(patch.frame[k]) / patch.radius);
         let row = SVector::from(monomials(x, y));
         normal_equations += row * row.transpose();
