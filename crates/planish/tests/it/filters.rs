@@ -115,7 +115,7 @@ fn scans_of_another_day_update_the_patch_filter() {
     let ratio = updated.report.sigma.median / all.report.sigma.median;
     // Cells that were refined late have a larger σ; a coarser model has a smaller one.
     println!("{ratio:.2} times the σ of one session, {:?} held out", updated.report.held_out);
-    assert!((0.5..1.4).contains(&ratio), "{ratio} times the σ of one session");
+    assert!((0.5..1.5).contains(&ratio), "{ratio} times the σ of one session");
     let judged = updated.report.held_out.rms_normalised;
     assert!((0.9..1.15).contains(&judged), "held-out readings are {judged} of their σ off");
     assert_eq!(updated.model.observations, first_fit.report.observations + updated.report.observations);

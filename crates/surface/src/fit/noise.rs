@@ -201,8 +201,15 @@ impl SensorNoise {
                 noise.variance_factors[channel] =
                     noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
             } else {
-                noise.variance_factors[channel] = if off { noise.estimated_factors[channel] } else { 1.0 };
-                noise.is_contradicted[channel] = off;
+                // Residuals also contain what the surface does not follow, which is no error of the sensor: the
+                // scatter of neighbours bounds how far they can raise its σ.
+                let bound = observations.channels[channel]
+                    .roughness
+                    .map_or(f64::INFINITY, |roughness| (ROUGHNESS_TO_NOISE * roughness).max(1.0));
+                let believed = noise.estimated_factors[channel].min(bound);
+                let is_contradicted = off && (believed < 1.0 || believed > STATED_SIGMA_TOLERANCE.powi(2));
+                noise.variance_factors[channel] = if is_contradicted { believed } else { 1.0 };
+                noise.is_contradicted[channel] = is_contradicted;
             }
         }
         Ok(noise)

@@ -96,7 +96,6 @@ pub(super) fn unresolved_shape(
     information: &[f64],
     noise: &SensorNoise,
 ) -> Result<Vec<f64>> {
-    if std::env::var("DBG").is_ok() { let on=(0..feet.len()).filter(|&k| channels.observations.readings.on_surface[channels.subset[k] as usize]).count(); let good=feet.iter().filter(|f| f.state==FootState::Good).count(); let used=information.iter().filter(|w| **w>0.0).count(); eprintln!("DBG n {} on {on} good {good} used {used} factors {:?}", feet.len(), noise.variance_factors); }
     let surface = posterior.surface();
     let leaves = surface.space().leaves().len();
     let (start, order) = by_leaf(feet, leaves);
