@@ -138,6 +138,7 @@ pub(super) fn unresolved_shape(
                 of_surface: 0.0,
             });
         }
+        if std::env::var("DBG").is_ok() && leaf == leaves / 2 { let m = near().count(); let h: f64 = near().map(|k| feet[k].height()).sum::<f64>() / m.max(1) as f64; eprintln!("DBG leaf {leaf}/{leaves} near {m} in {inside} out {outside} mean h {h} shape {} prec {} spread {} f {:?}", shared.shape, shared.precision, shared.spread, noise.variance_factors); }
         if shared.precision > 0.0 {
             // Readings may lie in one corner of a leaf, so the variance is taken at their centre.
             let variance = posterior.variance_in(leaf, middle.map(|x| x / all))?;
