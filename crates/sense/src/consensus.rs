@@ -138,7 +138,8 @@ fn monomials(x: f64, y: f64) -> [f64; COEFFICIENTS] {
 /// use planish_sense::surface_consensus;
 /// // A plate of 400 points, and 100 points far above it.
 /// let plate = (0..400).map(|k| DVec3::new(f64::from(k % 20), f64::from(k / 20), 0.0));
-/// let errors = (0..100).map(|k| DVec3::new(f64::from(k * 7 % 20), f64::from(k / 5), f64::from(5 + k * 13 % 31)));
+/// let error = |k| DVec3::new(f64::from(k * 7 % 20), f64::from(k / 5), f64::from(5 + k * 13 % 31));
+/// let errors = (0..100).map(error);
 /// let points: Vec<DVec3> = plate.chain(errors).collect();
 /// let found = surface_consensus(&points)?.expect("enough points");
 /// assert!(found.on_surface[..400].iter().all(|on| *on));
@@ -242,7 +243,8 @@ impl References {
             return Judgement::default();
         };
         let normal = patch.normal(p - patch.middle);
-        let parallel = others.iter().filter(|other| other.normal(p - other.middle).dot(normal).abs() > PARALLEL).count();
+        let is_parallel = |other: &&&Patch| other.normal(p - other.middle).dot(normal).abs() > PARALLEL;
+        let parallel = others.iter().filter(is_parallel).count();
         Judgement { on_surface: true, normal, is_layered: parallel >= MIN_VOTES }
     }
 }
@@ -334,7 +336,8 @@ fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
     if patch.scatter <= MAX_FLATNESS * radius { patch } else { none }
 }
 
-/// Least-squares heights of points, relative to its middle, over the plane of a patch; none if the points do not determine them.
+/// Least-squares heights of points, relative to its middle, over the plane of a patch; none if the points do
+/// not determine them.
 fn height_field(patch: &Patch, points: &[DVec3]) -> Option<[f64; COEFFICIENTS]> {
     let mut normal_equations = SMatrix::<f64, COEFFICIENTS, COEFFICIENTS>::zeros();
     let mut right = SVector::<f64, COEFFICIENTS>::zeros();

@@ -79,6 +79,8 @@ fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
     let options = FitOptions {
         strategy: Strategy::Global(global),
         shape: Some(scene.options.shape),
+        // Displaced scans are refused, but here they are compared.
+        force: true,
         ..FitOptions::default()
     };
     fit(&scene.set, &options, &Silent).unwrap()

@@ -142,14 +142,7 @@ pub(super) fn finish(
         information: &information,
         filtered,
     };
-    // A later session may measure parts far from the model, so only a first fit is refused for far
-    // readings.
-    let verdict = if earlier.is_none() {
-        this.refuse_minority_surface()?;
-        this.verdict(&surface)?
-    } else {
-        Verdict::default()
-    };
+    let verdict = this.verdict(&surface)?;
     let own_data = match filtered {
         // Beliefs of single patches are no information of the whole.
         Some(_) => system.zero_information()?,
@@ -372,11 +365,21 @@ impl Finishing<'_> {
 
     /// Judges whether the surface follows its readings. What lies on the ground is not followed on purpose.
     fn verdict(&self, surface: &planish_spline::Surface) -> Result<Verdict> {
+        // A later session may measure parts far from the model, so only a first fit is refused for far
+        // readings.
+        if self.earlier.is_some() {
+            return Ok(Verdict::default());
+        }
+        self.refuse_minority_surface()?;
         if self.options.ground().is_some() {
             return Ok(Verdict::default());
         }
         let FitOptions { gate, force, .. } = *self.options;
-        judge_surface(surface, self.readings(), VerdictInput { gate, force, origin: self.origin })
+        judge_surface(
+            surface,
+            self.readings(),
+            VerdictInput { gate, force, several_scans: self.set.scans.len() > 1, origin: self.origin },
+        )
     }
 
     /// What is known about the vertices, before the poses and biases of scans.

@@ -201,8 +201,8 @@ impl SensorNoise {
                 noise.variance_factors[channel] =
                     noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
             } else {
-                // Residuals also contain what the surface does not follow, which is no error of the sensor: the
-                // scatter of neighbours bounds how far they can raise its σ.
+                // Residuals also contain what the surface does not follow, which is no error of the sensor:
+                // the scatter of neighbours bounds how far they can raise its σ.
                 let bound = observations.channels[channel]
                     .roughness
                     .map_or(f64::INFINITY, |roughness| (ROUGHNESS_TO_NOISE * roughness).max(1.0));

@@ -58,16 +58,12 @@ pub(super) struct SurfaceMisfit {
     pub area_fraction: f64,
     /// Places, largest first.
     pub places: Vec<UnresolvedPlace>,
-    /// The readings that are not followed, by their number in the subset.
-    pub readings: Vec<u32>,
 }
 
 /// A reading that is judged.
 struct JudgedReading {
-    /// Number in the subset.
-    k: u32,
     point: DVec3,
-    /// Distance over its bound apart from the spacing; above 1 it is too far for noise.
+    /// Distance from the surface, and whether noise cannot explain it.
     distance: f64,
     beyond_noise: bool,
     wrong_side: bool,
@@ -131,8 +127,7 @@ pub(super) fn surface_misfit(
         })
         .collect();
     places.sort_by(|a, b| b.area_fraction.total_cmp(&a.area_fraction));
-    let readings = clusters.iter().flatten().map(|&i| judged[i].k).collect();
-    Ok(SurfaceMisfit { area_fraction: lost / total, places, readings })
+    Ok(SurfaceMisfit { area_fraction: lost / total, places })
 }
 
 /// The positions that are judged, with their distances.
@@ -150,7 +145,6 @@ fn judged_readings(readings: ProjectedReadings<'_>, gate: f64) -> Vec<JudgedRead
             }
             let variance = bounds[observations.channel(i)] * foot.variance;
             Some(JudgedReading {
-                k: k as u32,
                 point: observations.readings.points[i],
                 distance: foot.height().abs(),
                 beyond_noise: foot.height().abs() > gate * variance.sqrt(),

@@ -17,7 +17,7 @@
 //! cannot be separated from shape, and count as such.
 
 use super::leaves::neighbourhood;
-use super::misfit::{BINS, MAX_GROSS, bin_of};
+use super::misfit::{BINS, MAX_GROSS};
 use super::noise::SensorNoise;
 use crate::model::Posterior;
 use crate::observe::Quantity;
@@ -88,6 +88,16 @@ impl Shared {
     }
 }
 
+/// Bins along each side of a leaf with so many readings: only pairs in one bin count, so that a few readings
+/// share wider ones.
+fn bins_per_side(readings: usize) -> usize {
+    match readings {
+        0..8 => 1,
+        8..32 => 2,
+        _ => BINS,
+    }
+}
+
 /// For each leaf the mean square of its unresolved shape along the normal; 0 if none is significant.
 pub(super) fn unresolved_shape(
     posterior: &Posterior<'_>,
@@ -116,6 +126,11 @@ pub(super) fn unresolved_shape(
         }
         // Many readings beyond the gate are shape that the gate mistook for gross errors.
         let is_shape = outside as f64 > MAX_GROSS * (inside + outside) as f64;
+        let side = bins_per_side(if is_shape { inside + outside } else { inside });
+        let bin = |local: [f64; 2]| {
+            let [i, j] = local.map(|x| ((x * side as f64) as usize).min(side - 1));
+            j * BINS + i
+        };
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
         let mut bins = [[0.0; 5]; BINS * BINS];
         let (mut all, mut middle) = (0.0, [0.0; 2]);
@@ -125,7 +140,7 @@ pub(super) fn unresolved_shape(
             let pull = w * foot.height();
             all += w;
             middle = [0, 1].map(|d| middle[d] + w * foot.local[d]);
-            for (sum, term) in bins[bin_of(foot.local)].iter_mut().zip([pull, pull * pull, w, w * w, 1.0]) {
+            for (sum, term) in bins[bin(foot.local)].iter_mut().zip([pull, pull * pull, w, w * w, 1.0]) {
                 *sum += term;
             }
         }
@@ -138,7 +153,6 @@ pub(super) fn unresolved_shape(
                 of_surface: 0.0,
             });
         }
-        if std::env::var("DBG").is_ok() && leaf == leaves / 2 { let m = near().count(); let h: f64 = near().map(|k| feet[k].height()).sum::<f64>() / m.max(1) as f64; eprintln!("DBG leaf {leaf}/{leaves} near {m} in {inside} out {outside} mean h {h} shape {} prec {} spread {} f {:?}", shared.shape, shared.precision, shared.spread, noise.variance_factors); }
         if shared.precision > 0.0 {
             // Readings may lie in one corner of a leaf, so the variance is taken at their centre.
             let variance = posterior.variance_in(leaf, middle.map(|x| x / all))?;

@@ -64,6 +64,8 @@ pub(super) struct VerdictInput {
     pub gate: f64,
     /// Keep a surface that would be refused.
     pub force: bool,
+    /// True if the readings are of more than one scan.
+    pub several_scans: bool,
     /// World coordinates of the origin.
     pub origin: DVec3,
 }
@@ -71,8 +73,8 @@ pub(super) struct VerdictInput {
 /// Judges a first fit.
 ///
 /// # Errors
-/// `Undetermined` if the surface does not follow more than 5 % of the measured area. If the readings enclose a
-/// solid of another topology, 0.5 % is enough, or a part of the surface that is nowhere near that solid. With
+/// `Undetermined` if the surface does not follow more than 5 % of the measured area. If the readings enclose
+/// a solid of another topology, 0.5 % is enough, or a part of the surface that is nowhere near that solid. With
 /// `force` the surface is kept.
 pub(super) fn judge_surface(
     surface: &Surface,
@@ -106,7 +108,7 @@ pub(super) fn judge_surface(
             )
         },
     );
-    let text = format!("{place}: {}", reason(shape, other.map(|solid| solid.topology)));
+    let text = format!("{place}: {}", reason(shape, other.map(|solid| solid.topology), input.several_scans));
     if refused && !input.force {
         let text = format!("{text}; a result can be forced, but is wrong there");
         return Err(Error::undetermined(text).with_setting(Setting::Force));
@@ -152,7 +154,7 @@ fn stray_share(surface: &Surface, solid: &EnclosedSolid) -> f64 {
 }
 
 /// Why a surface does not follow its readings, as far as the readings show it.
-fn reason(shape: Shape, enclosed: Option<EnclosedTopology>) -> String {
+fn reason(shape: Shape, enclosed: Option<EnclosedTopology>, several_scans: bool) -> String {
     let several = |count: usize, one: &str, many: &str| {
         if count == 1 { format!("1 {one}") } else { format!("{count} {many}") }
     };
@@ -168,8 +170,9 @@ fn reason(shape: Shape, enclosed: Option<EnclosedTopology>) -> String {
         ),
         _ => format!(
             "there is an edge, a hole, a thin part or another feature that a smooth {} of this resolution \
-             does not have",
-            shape.name()
+             does not have{}",
+            shape.name(),
+            if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),
     }
 }
