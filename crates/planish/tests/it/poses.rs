@@ -5,7 +5,7 @@ use crate::common;
 use planish_core::DVec3;
 
 use nalgebra::{DMatrix, DVector};
-use planish::fit::{Fit, FitOptions, GlobalOptions, Strategy, UpdateOptions, fit, update};
+use planish::fit::{Fit, FitOptions, FitVerdict, GlobalOptions, Strategy, UpdateOptions, fit, update};
 use planish::model::{Posterior, ScanPoseReport};
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -246,7 +246,10 @@ fn align_corrects_scans_without_stated_pose_errors() {
     }
     let (left, aligned) = (fit_scene(&scene, false), fit_scene(&scene, true));
     println!("rms {:.4} as stated, {:.4} aligned", left.report.rms, aligned.report.rms);
-    assert!(aligned.report.rms < 0.5 * left.report.rms);
+    // As stated, the scans lie beside each other, and a surface follows some of them.
+    assert_eq!(left.report.verdict, FitVerdict::Refused);
+    assert_eq!(aligned.report.verdict, FitVerdict::Converged);
+    assert!(aligned.report.rms_normalised < 1.2, "{}", aligned.report.rms_normalised);
     let errors: Vec<f64> = (aligned.report.poses.iter().zip(&truths).skip(1))
         .map(|(report, truth)| squared_error(report, truth))
         .collect();

@@ -74,7 +74,7 @@ pub(super) struct VerdictInput {
 ///
 /// # Errors
 /// `Undetermined` if the surface does not follow more than 5 % of the measured area. If the readings enclose
-/// a solid of another topology, 0.5 % is enough, or a part of the surface that is nowhere near that solid. With
+/// a solid of another topology, 0.5 % is enough, or a part of the surface nowhere near that solid. With
 /// `force` the surface is kept.
 pub(super) fn judge_surface(
     surface: &Surface,
