@@ -101,7 +101,7 @@ codes! {
         "Residuals in some patches are correlated at the maximum depth.",
     SurfaceFolded = "surface-folded", Warning: "σ is smaller than all readings allow: the surface is folded.",
     SurfaceMisfit = "surface-misfit", Warning:
-        "The surface does not follow its readings in some places, which are marked.",
+        "The surface does not follow its readings in some places, which the report lists.",
     SurfaceRefused = "surface-refused", Error:
         "The surface does not follow much of its readings; the result was forced.",
     MostlyUnmeasured = "mostly-unmeasured", Warning: "Less than half of the surface was measured.",

@@ -139,8 +139,7 @@ pub struct FitArgs {
     /// Write a result even if the surface does not follow much of the readings
     ///
     /// A fit is refused if more than 5 % of the measured area is not followed, as with a hole through the
-    /// object or several bodies. With this option the result is written; such places have the mark 3 in the
-    /// column `observed`.
+    /// object or several bodies. With this option the result is written, with a finding of level `error`.
     #[arg(long, help_heading = "Readings", hide_short_help = true,
           conflicts_with_all = ["update", "known_uv"])]
     pub force: bool,
