@@ -415,7 +415,7 @@ impl Neighbourhoods {
                 let near = tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
                 let radius = near.iter().map(|n| n.distance).fold(0.0, f64::max).sqrt();
                 // Of several points at one position, the query may return others than the point itself.
-                let others = near.iter().map(|n| n.item as u32).filter(|&j| j as usize != i);
+                let others = near.iter().map(|n| n.item).filter(|&j| j as usize != i);
                 (others.take(count).collect(), radius)
             })
             .collect();
