@@ -32,7 +32,8 @@
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`,
 //! `poses` (names and σ) and `provenance`: one entry for each session. It also holds `measured_coordinates`
-//! if parameters were known, `unit_assumed` if no input stated the unit, `moves_freely` for a sheet that bends, and `patch_filter` for a patch filter.
+//! if parameters were known, `unit_assumed` if no input stated the unit, `moves_freely` for a sheet that
+//! bends, and `patch_filter` for a patch filter.
 //! `mean_residual` is the root mean square over all unknowns of the residual of `Λ x = η`, each in its own σ
 //! given all others. For a patch filter, it is that of the distances of the vertices from those of the
 //! patches.

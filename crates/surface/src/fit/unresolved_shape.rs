@@ -155,8 +155,9 @@ pub(super) fn unresolved_shape(
             (sums[leaf].mean_square(SIGNIFICANT_ALONE)).or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
         })
         .collect();
-    // Shape below the significance of a neighbourhood, but common to the whole surface, as of a curve that all
-    // cells are too large for. With a hundred readings a leaf it can exceed σ of the surface (decision 0096).
+    // Shape below the significance of a neighbourhood, but common to the whole surface, as of a curve that
+    // all cells are too large for. With a hundred readings a leaf it can exceed σ of the surface (decision
+    // 0096).
     let mut rest = Shared::default();
     for (own, _) in sums.iter().zip(&local).filter(|(_, found)| found.is_none()) {
         rest.add(own);
