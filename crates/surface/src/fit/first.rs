@@ -27,7 +27,7 @@ const BASE_CELLS: usize = 128;
 /// `√(2ζ(8)) n⁻⁴` of the best approximation). On seven cells that is `6e-4 r`, as much as σ of a surface of
 /// thousands of readings and too little for the test of residuals: 95 % intervals of tori covered 83 %. On
 /// sixteen it is `2e-5 r`. See decision 0096.
-const CELLS_AROUND: usize = 16;
+const CELLS_AROUND: usize = 12;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
 /// A ball grows no leaves that would hold fewer readings than this on average: emptier ones would follow
