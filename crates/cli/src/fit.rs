@@ -92,6 +92,8 @@ fn files_read(args: &FitArgs, done: &FitJobReport) -> Vec<PathBuf> {
 fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     let mut all = vec!["fit".to_owned()];
     all.extend(args.scans.iter().map(|path| path.display().to_string()));
+    // The width needs `=`, as on the command line; without one, the job chooses it.
+    all.extend(args.ground.map(|width| width.map_or("--ground".to_owned(), |w| format!("--ground={w}"))));
     let flags = [("--align", args.align), ("--estimate-sigma", args.estimate_sigma)];
     all.extend(flags.into_iter().filter(|(_, is_set)| *is_set).map(|(name, _)| name.to_owned()));
     let value_name = |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
@@ -107,9 +109,6 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     // The record has the names of the command line, because `planish info` prints it as a command.
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
-    // Without a width the recorded value is empty: the option was given, and the job chose the width.
-    let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
-    option("--ground", args.ground.map(ground));
     option("--motion", args.motion.and_then(|m| value_name(m.to_possible_value())));
     option("--complete", args.complete.map(|_| "smooth".to_owned()));
     option("--symmetry", args.symmetry.as_ref().map(symmetry_name));

@@ -118,7 +118,7 @@ codes! {
     DuplicateReadings = "duplicate-readings", Warning:
         "Two scans share readings to the last digit; these count once.",
     ScanAddedTwice = "scan-added-twice", Warning:
-        "A scan of the same name and size was added to the model before.",
+        "The points of a scan were added to the model before.",
     ScanMisfit = "scan-misfit", Error: "A scan does not fit the others.",
     ScansApart = "scans-apart", Warning: "Scans are farther apart than their sizes.",
     FarFromOrigin = "far-from-origin", Warning: "The points are so far from the origin that digits are lost.",
@@ -130,6 +130,8 @@ codes! {
         "A scan is far from where a steady motion would have the object.",
     SheetStretched = "sheet-stretched", Warning: "A state of a bending sheet was stretched.",
     UnitAssumed = "unit-assumed", Warning: "A file states no unit; one was assumed.",
+    UnitImplausible = "unit-implausible", Warning:
+        "No file states its unit, and the object has an unusual size in the assumed one.",
     UnitConverted = "unit-converted", Warning: "A file was converted to another unit.",
     MeshTriangleLimit = "mesh-triangle-limit", Warning:
         "The chord error of the mesh was enlarged to limit the number of triangles.",
@@ -140,6 +142,8 @@ codes! {
         "Cells of the raster are under an overhang and have no height.",
     RasterEmpty = "raster-empty", Warning: "No cell of the raster has a height.",
     // compare
+    CommonOffset = "common-offset", Warning:
+        "The model is offset from the reference along its normals by the same distance everywhere.",
     CoverageConsistent = "coverage-consistent", Info:
         "The share of reference points within 1.96 σ is near 95 %.",
     CoverageLow = "coverage-low", Warning:

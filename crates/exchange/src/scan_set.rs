@@ -4,6 +4,7 @@
 
 use std::path::PathBuf;
 
+use planish_core::random::{GOLDEN_GAMMA, mix64};
 use planish_sense::{Scan, Sensor, SensorKind};
 
 use crate::{GeoReference, Unit};
@@ -45,6 +46,31 @@ pub struct InputFile {
     pub points: usize,
     /// Number of records dropped because a coordinate was not finite.
     pub dropped_not_finite: usize,
+    /// Hash of the coordinates of the points, which recognises the same readings in another file; 0 for a
+    /// list.
+    pub points_hash: u64,
+}
+
+impl InputFile {
+    /// A list, which has no points itself.
+    pub(crate) fn list(path: PathBuf) -> Self {
+        Self { path, points: 0, dropped_not_finite: 0, points_hash: 0 }
+    }
+
+    /// A file with scans.
+    pub(crate) fn with_scans(path: PathBuf, scans: &[Scan]) -> Self {
+        let points = scans.iter().flat_map(|scan| &scan.points);
+        let mut points_hash = 0;
+        for word in points.clone().flat_map(|p| p.to_array()) {
+            points_hash = mix64(u64::wrapping_add(points_hash, GOLDEN_GAMMA) ^ word.to_bits());
+        }
+        Self {
+            path,
+            points: points.count(),
+            dropped_not_finite: scans.iter().map(|scan| scan.dropped_not_finite).sum(),
+            points_hash,
+        }
+    }
 }
 
 /// Sensor of scans for which none is named: a range sensor whose σ is estimated.

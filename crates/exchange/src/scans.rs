@@ -316,7 +316,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
     let mut lists = lists.into_iter().peekable();
     for (index, (wanted, read)) in wanted.into_iter().zip(read).enumerate() {
         while let Some((_, path)) = lists.next_if(|(first, _)| *first == index) {
-            set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
+            set.inputs.push(InputFile::list(path));
         }
         add_file(&mut set, &mut gathered, wanted, read)?;
     }
@@ -339,13 +339,12 @@ fn add_file(
     if let Some(unit) = unit {
         gathered.unit(unit, wanted.path.display().to_string())?;
     }
-    let points = scans.iter().map(|scan| scan.points.len()).sum();
-    let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
-    if points == 0 {
+    let file = InputFile::with_scans(wanted.path.clone(), &scans);
+    if file.points == 0 {
         return Err(Error::input(format!(
-            "{}: expected points, found none ({dropped_not_finite} records without finite coordinates were \
-             dropped)",
+            "{}: expected points, found none ({} records without finite coordinates were dropped)",
             wanted.path.display(),
+            file.dropped_not_finite,
         )));
     }
     // A pose moves the points away from their place on the map.
@@ -359,9 +358,9 @@ fn add_file(
     if let Some(path) = calibration
         && !set.inputs.iter().any(|input| input.path == path)
     {
-        set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
+        set.inputs.push(InputFile::list(path));
     }
-    set.inputs.push(InputFile { path: wanted.path.clone(), points, dropped_not_finite });
+    set.inputs.push(file);
     add_scans(set, &wanted, scans)
 }
 

@@ -15,12 +15,15 @@
 
 mod findings;
 mod inputs;
+mod offset;
 pub(crate) mod page;
 
 pub use inputs::{Compared, ComparedMesh, Reference};
+pub use offset::CommonOffset;
 use planish_core::finding::with_warnings;
 use planish_core::{DVec3, Finding, FindingCode};
 
+use crate::assumed_unit::implausible_size;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use crate::saved;
@@ -61,6 +64,8 @@ pub struct Deviations {
     pub max: f64,
     /// Number of compared points.
     pub n: usize,
+    /// Common offset along the normals. Absent if the points are too few for its σ.
+    pub offset: Option<CommonOffset>,
 }
 
 /// Points that were not compared, by cause.
@@ -90,6 +95,8 @@ pub struct ComparisonReport {
     /// Share of the reference's points within 1.96 · √(σ_model² + σ_reference²); none where the model carries
     /// no σ.
     pub coverage95: Option<f64>,
+    /// The same share after the subtraction of the common offset; none where either is unknown.
+    pub coverage95_without_offset: Option<f64>,
     /// Numbers of skipped points.
     pub skipped: Skipped,
     /// Findings for the user.
@@ -183,6 +190,7 @@ pub(crate) fn compared(
         forward: None,
         backward: None,
         coverage95: None,
+        coverage95_without_offset: None,
         skipped: Skipped::default(),
         findings: Vec::new(),
     };
@@ -191,6 +199,10 @@ pub(crate) fn compared(
             FindingCode::UnitConverted,
             format!("the reference is in {of_reference}, the model in {unit}: the reference was converted"),
         ));
+    }
+    if model.unit().or(options.unit).or(reference.unit).is_none() {
+        let size = BoundingBox::from_points(&reference.points).map_or(0.0, |b| b.longest_side());
+        report.findings.extend(implausible_size(size, unit));
     }
     // The reference is converted, not the model: σ, tolerances and the report are in the model's unit.
     let reference = reference.scaled(of_reference.millimetres() / unit.millimetres());
@@ -213,15 +225,16 @@ pub(crate) fn compared(
         let mesh = TriangleMesh::try_new(reference.points, reference.triangles)?;
         let feet = MeshSearch::try_new(&mesh)?.closest_all(&vertices);
         let all = feet.len();
-        let signed: Vec<f64> = feet
-            .into_iter()
-            .flatten()
+        let (mut places, mut normals, mut signed) = (Vec::new(), Vec::new(), Vec::new());
+        for (vertex, foot) in vertices.iter().zip(feet) {
             // A foot on the boundary measures the distance to an edge, not the deviation of two surfaces.
-            .filter(|foot| !foot.on_boundary)
-            .map(|foot| foot.signed_distance)
-            .collect();
+            let Some(foot) = foot.filter(|foot| !foot.on_boundary) else { continue };
+            places.push(*vertex);
+            normals.push(foot.normal);
+            signed.push(foot.signed_distance);
+        }
         report.skipped.model_beyond_border = all - signed.len();
-        report.forward = deviations(&signed)?;
+        report.forward = deviations(&places, &signed, &normals)?;
         shown.mesh = Some(mesh);
     }
     // An error, because empty figures would pass every check of a script.
@@ -260,9 +273,9 @@ impl Job for CompareJob {
     }
 
     fn execute(&self, progress: &dyn Progress) -> Result<ComparisonReport> {
-        let read = Compared::read(&self.model)?;
-        let (mut report, shown) =
-            compared(&read, Reference::read(&self.reference)?, &self.options, progress)?;
+        let reference = Reference::read(&self.reference)?;
+        let read = Compared::read(&self.model)?.with_unit_if_unstated(self.options.unit.or(reference.unit));
+        let (mut report, shown) = compared(&read, reference, &self.options, progress)?;
         // The judgement comes first in the report; conversions and assumptions follow.
         report.findings.splice(0..0, findings::judge(&report));
         if let Some(page) = &self.report {
@@ -274,12 +287,14 @@ impl Job for CompareJob {
     }
 }
 
-fn deviations(signed: &[f64]) -> Result<Option<Deviations>> {
+/// Figures of signed deviations at `points`, and their common offset along `directions`.
+fn deviations(points: &[DVec3], signed: &[f64], directions: &[DVec3]) -> Result<Option<Deviations>> {
     if signed.is_empty() {
         return Ok(None);
     }
     let DeviationStatistics { rms, mean, p50, p95, max, n } = DeviationStatistics::from_signed(signed)?;
-    Ok(Some(Deviations { rms, mean, p50, p95, max, n }))
+    let offset = CommonOffset::estimate(points, signed, directions);
+    Ok(Some(Deviations { rms, mean, p50, p95, max, n, offset }))
 }
 
 /// A point of the reference and its foot on the model.
@@ -298,8 +313,9 @@ fn summarise_backward(
     report: &mut ComparisonReport,
 ) -> Result<ShownReference> {
     let mut signed = Vec::with_capacity(pairs.len());
-    let mut normalised = Vec::with_capacity(pairs.len());
-    let (mut with_sigma, mut covered, mut against) = (0_usize, 0_usize, 0_usize);
+    let mut directions = Vec::with_capacity(pairs.len());
+    let mut sigmas = Vec::with_capacity(pairs.len());
+    let mut against = 0_usize;
     for pair in pairs {
         let offset = pair.foot - reference.points[pair.point];
         let own = reference.normal(pair.point);
@@ -309,16 +325,14 @@ fn summarise_backward(
         against += usize::from(own.dot(pair.normal) < 0.0);
         let size = offset.length();
         signed.push(if offset.dot(direction) < 0.0 { -size } else { size });
-        if let Some(sigma) = pair.sigma {
-            with_sigma += 1;
-            // The errors of model and reference are independent, so their variances add.
-            let variance = sigma * sigma + reference.variance(pair.point, pair.normal);
-            normalised.push(signed[signed.len() - 1] / variance.sqrt());
-            covered += usize::from(size <= QUANTILE_95 * variance.sqrt());
-        } else {
-            // NaN keeps the lists parallel, and pages draw it as unknown.
-            normalised.push(f64::NAN);
-        }
+        directions.push(direction);
+        // The errors of model and reference are independent, so their variances add. NaN keeps the lists
+        // parallel, and pages draw it as unknown.
+        sigmas.push(
+            pair.sigma.map_or(f64::NAN, |sigma| {
+                (sigma * sigma + reference.variance(pair.point, pair.normal)).sqrt()
+            }),
+        );
     }
     // A few opposed normals are usual at thin parts. A majority means that the reference is inside out, which
     // flips every sign.
@@ -329,14 +343,19 @@ fn summarise_backward(
              the reference",
         ));
     }
-    report.backward = deviations(&signed)?;
-    report.coverage95 = (with_sigma > 0).then(|| covered as f64 / with_sigma as f64);
-    Ok(ShownReference {
-        points: pairs.iter().map(|pair| reference.points[pair.point]).collect(),
-        deviations: signed,
-        normalised,
-        mesh: None,
-    })
+    let points: Vec<DVec3> = pairs.iter().map(|pair| reference.points[pair.point]).collect();
+    report.backward = deviations(&points, &signed, &directions)?;
+    let coverage = |offset: f64| {
+        let known = sigmas.iter().filter(|sigma| !sigma.is_nan()).count();
+        let within =
+            signed.iter().zip(&sigmas).filter(|(d, sigma)| (*d - offset).abs() <= QUANTILE_95 * **sigma);
+        (known > 0).then(|| within.count() as f64 / known as f64)
+    };
+    report.coverage95 = coverage(0.0);
+    report.coverage95_without_offset =
+        report.backward.and_then(|d| d.offset).and_then(|offset| coverage(offset.value));
+    let normalised = signed.iter().zip(&sigmas).map(|(d, sigma)| d / sigma).collect();
+    Ok(ShownReference { points, deviations: signed, normalised, mesh: None })
 }
 
 /// Exact foot points of the reference on a spline.

@@ -10,6 +10,7 @@ mod task;
 pub use task::FitTask;
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
+use crate::assumed_unit::implausible_size;
 use crate::job::Job;
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, check_outputs, plan_outputs, prepare,
@@ -191,7 +192,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     progress.check("making outputs", 0.9)?;
     let posterior = fitted.posterior();
     let mut report = fitted.report.clone();
-    report.findings.extend(input_findings(&set, earlier.as_ref()));
+    report.findings.extend(input_findings(&set, earlier.as_ref(), &fitted.model));
     report.findings.extend(in_far_places);
     if unit_of_maps {
         let text =
@@ -397,10 +398,11 @@ fn names(paths: &[PathBuf]) -> String {
 }
 
 fn session(job: &FitJob, set: &ScanSet) -> Session {
-    let inputs = set
-        .inputs
-        .iter()
-        .map(|input| SessionInput { name: input.path.display().to_string(), points: input.points });
+    let inputs = set.inputs.iter().map(|input| SessionInput {
+        name: input.path.display().to_string(),
+        points: input.points,
+        points_hash: hash_of(input),
+    });
     Session {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         arguments: job.arguments.clone(),
@@ -409,9 +411,12 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
     }
 }
 
-fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
+fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>, made: &SurfaceModel) -> Vec<Finding> {
     let mut findings = earlier.map_or_else(Vec::new, |earlier| earlier.findings.clone());
-    if set.unit.is_none() && earlier.is_none() {
+    let size = BoundingBox::from_points(made.surface.vertices()).map_or(0.0, |b| b.longest_side());
+    if let Some(implausible) = implausible_size(size, made.unit).filter(|_| made.unit_assumed) {
+        findings.push(implausible);
+    } else if set.unit.is_none() && earlier.is_none() {
         findings.push(
             Finding::new(
                 FindingCode::UnitAssumed,
@@ -437,24 +442,40 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
             ));
         }
     }
-    // A scan that is added twice halves its variance without new information. The saved model keeps names and
-    // counts only, so this cannot be proved: it is a warning, not an error.
-    let before = earlier.iter().flat_map(|e| &e.provenance).flat_map(|s| &s.inputs);
-    let before: Vec<(Option<&std::ffi::OsStr>, usize)> = before
-        .filter(|input| input.points > 0)
-        .map(|input| (std::path::Path::new(&input.name).file_name(), input.points))
-        .collect();
+    findings.extend(added_twice(set, earlier));
+    findings
+}
+
+fn hash_of(input: &InputFile) -> Option<String> {
+    (input.points > 0).then(|| format!("{:016x}", input.points_hash))
+}
+
+/// Warns of scans that the model contains already: they would reduce its variance without new information.
+fn added_twice(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
+    let sessions = earlier.iter().flat_map(|e| &e.provenance);
+    let before: Vec<&SessionInput> =
+        sessions.flat_map(|s| &s.inputs).filter(|input| input.points > 0).collect();
+    let mut findings = Vec::new();
     for input in set.inputs.iter().filter(|input| input.points > 0) {
-        if before.contains(&(input.path.file_name(), input.points)) {
-            findings.push(Finding::new(
-                FindingCode::ScanAddedTwice,
-                format!(
-                    "{}: a scan of this name and size was added to the model before; if it is the same \
-                     scan, its readings count twice",
-                    input.path.display()
-                ),
-            ));
-        }
+        let path = input.path.display();
+        let hash = hash_of(input);
+        let same = before.iter().find(|b| b.points_hash == hash);
+        // Models of older versions keep names and numbers only, which cannot prove it.
+        let alike = || {
+            let name = |b: &SessionInput| Path::new(&b.name).file_name() == input.path.file_name();
+            before.iter().find(|b| b.points_hash.is_none() && name(b) && b.points == input.points)
+        };
+        let text = if let Some(same) = same {
+            format!("{path}: the model already contains these points ({}): they count twice", same.name)
+        } else if alike().is_some() {
+            format!(
+                "{path}: a scan of this name and size was added to the model before; if it is the same \
+                 scan, its readings count twice"
+            )
+        } else {
+            continue;
+        };
+        findings.push(Finding::new(FindingCode::ScanAddedTwice, text));
     }
     findings
 }

@@ -4,7 +4,7 @@
 //! file is read, not only the header, so that truncated and malformed files are detected.
 
 use planish_core::finding::with_warnings;
-use planish_core::{DVec3, Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
@@ -225,7 +225,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     // A killed run may have left outputs that are only partly renamed (docs/decisions/0087-output-sets.md).
     recover_outputs_in_folder_of(path);
     match extension(path).as_str() {
-        "planish" => model(path),
+        "planish" => model(path, unit),
         "ply" => {
             let contents = read_contents(path)?;
             // A file of points may carry an empty list of faces.
@@ -410,8 +410,19 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
     })
 }
 
-fn model(path: &Path) -> Result<FileInfo> {
-    let SavedModel { model, provenance, findings } = load_with_provenance(path)?;
+fn model(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
+    let SavedModel { mut model, provenance, mut findings } = load_with_provenance(path)?;
+    match unit.filter(|_| model.unit_assumed) {
+        Some(unit) => model.unit = unit,
+        None if model.unit_assumed => findings.push(
+            Finding::new(
+                FindingCode::UnitAssumed,
+                format!("no scan of the model stated its unit of length: {} is assumed", model.unit),
+            )
+            .with_setting(Setting::Unit),
+        ),
+        None => {}
+    }
     let sigma = model
         .posterior()
         .and_then(|posterior| sigma_summary(&model, &posterior))

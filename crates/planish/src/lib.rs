@@ -92,6 +92,7 @@
 //! ```
 
 pub mod animation;
+mod assumed_unit;
 pub mod compare;
 pub mod contour;
 pub mod fit_files;

@@ -166,7 +166,8 @@ impl Job for MergeJob {
 impl MergeJob {
     /// The session for the provenance of a saved model.
     fn session(&self, report: &MergeReport) -> Session {
-        let input = |path: &PathBuf| SessionInput { name: path.display().to_string(), points: 0 };
+        let input =
+            |path: &PathBuf| SessionInput { name: path.display().to_string(), points: 0, points_hash: None };
         Session {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             arguments: self.arguments.clone(),

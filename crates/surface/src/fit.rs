@@ -294,6 +294,8 @@ pub fn update(
 fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) -> Result<()> {
     if let Some(unit) = set.unit
         && unit != model.unit
+        // An assumed unit is no statement: the readings may name the one that all numbers are in.
+        && !model.unit_assumed
     {
         return Err(Error::input(format!(
             "expected scans and a model of the same unit, found {} and {}: convert one of them",

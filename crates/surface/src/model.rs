@@ -82,6 +82,8 @@ impl Observed {
 pub struct SurfaceModel {
     /// Unit of every length.
     pub unit: Unit,
+    /// True if no file and no option stated the unit. A later session may then state it.
+    pub unit_assumed: bool,
     /// The posterior mean.
     pub surface: Surface,
     /// What is known about its control vertices, from which σ follows.

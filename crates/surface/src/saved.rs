@@ -32,7 +32,8 @@
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`,
 //! `poses` (names and σ) and `provenance`: one entry for each session. It also holds `measured_coordinates`
-//! if parameters were known, `moves_freely` for a sheet that bends, and `patch_filter` for a patch filter.
+//! if parameters were known, `unit_assumed` if no input stated the unit, `moves_freely` for a sheet that
+//! bends, and `patch_filter` for a patch filter.
 //! `mean_residual` is the root mean square over all unknowns of the residual of `Λ x = η`, each in its own σ
 //! given all others. For a patch filter, it is that of the distances of the vertices from those of the
 //! patches.
@@ -66,6 +67,9 @@ pub struct SessionInput {
     pub name: String,
     /// Number of points in it; 0 for a list of files.
     pub points: usize,
+    /// Hash of the coordinates of its points, in hexadecimal digits; unknown for a list and in older files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub points_hash: Option<String>,
 }
 
 /// One session that made or updated a model: enough to repeat it, without the time or place of the run.
@@ -106,6 +110,8 @@ struct Metadata {
     /// See [`MeanResidual`]; absent in files of schema 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mean_residual: Option<f64>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    unit_assumed: bool,
     // Older files lack these keys. They are written only if they say something, so other files keep their
     // bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -226,6 +232,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     }
     let mut metadata = Metadata {
         unit: model.unit.name().to_owned(),
+        unit_assumed: model.unit_assumed,
         shape: space.shape().name().to_owned(),
         base: space.base(),
         observations: model.observations,

@@ -298,6 +298,7 @@ impl SurfaceStream {
         let surface = self.surface()?;
         Ok(SurfaceModel {
             unit: self.unit,
+            unit_assumed: false,
             // Neighbours of measured leaves count as measured, as in a fit.
             observed: (with_neighbours(surface.space(), &self.core.measured()).into_iter())
                 .map(|measured| if measured { Observed::Measured } else { Observed::PriorOnly })

@@ -48,6 +48,7 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
         known: Knowledge::AlongNormals { information: VertexInformation { prior, data }, scan_errors: None },
         excess_variance: Vec::new(),
         unit: Unit::Millimetre,
+        unit_assumed: false,
         observations: 16 * observed.iter().filter(|&&o| o).count(),
         surface,
         observed: observed.into_iter().map(Observed::from_measured).collect(),

@@ -68,6 +68,53 @@ fn second_session_is_added_to_the_first() {
 }
 
 #[test]
+fn a_unit_that_nothing_stated_can_be_stated_later() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // A dome of 0.16 m, in metres that the file does not name. Both halves have the same name and size.
+    for (half, name) in ["a", "b"].into_iter().enumerate() {
+        let place = |k: usize| [k % 40, k / 40].map(|i| (i as f64 - 19.5) * 0.004);
+        let lines: String = (half..1600)
+            .step_by(2)
+            .map(|k| {
+                let [x, y] = place(k);
+                let noise = 1e-5 * ((k * 7919 % 1000) as f64 / 500.0 - 1.0);
+                format!("{x} {y} {}\n", 0.05 - 2.0 * (x * x + y * y) + noise)
+            })
+            .collect();
+        std::fs::create_dir(folder.path().join(name)).expect("a folder");
+        std::fs::write(folder.path().join(name).join("scan.xyz"), lines).expect("points");
+    }
+    let run = |args: &[&str]| planish(folder.path(), args).ok().json();
+    let codes = |object: &serde_json::Value| -> Vec<String> {
+        let findings = object["findings"].as_array().expect("a list").iter();
+        findings.map(|f| f["code"].as_str().expect("a code").to_owned()).collect()
+    };
+    let has = |object: &serde_json::Value, code: &str| codes(object).iter().any(|c| c == code);
+    let first = run(&["fit", "a/scan.xyz", "--shape", "sheet", "-o", "first.planish", "--json"]);
+    assert!(has(&first, "unit-implausible") && !has(&first, "unit-assumed"), "{:?}", codes(&first));
+    // No unit is stated, so the option is that of both files, and nothing is converted.
+    let compared = run(&["compare", "first.planish", "b/scan.xyz", "--unit", "m", "--json"]);
+    assert_eq!(compared["unit"], "m");
+    assert!(compared["backward"]["rms"].as_f64().is_some_and(|rms| rms < 1e-4), "{compared:#}");
+    assert!(!has(&compared, "unit-converted") && !has(&compared, "unit-implausible"));
+    let update = ["fit", "b/scan.xyz", "--update", "first.planish", "-o", "both.planish"];
+    let both = run(&[&update[..], &["--unit", "m", "--json"]].concat());
+    assert!(!has(&both, "unit-implausible"), "{:?}", codes(&both));
+    // The other half is no second copy of the first.
+    assert!(!has(&both, "scan-added-twice"), "{:?}", codes(&both));
+    // The unit is remembered.
+    let info = run(&["info", "both.planish", "--json"]);
+    assert_eq!(info["unit"], "m");
+    assert!(!has(&info, "unit-assumed"));
+    let copy = folder.path().join("renamed.xyz");
+    std::fs::copy(folder.path().join("a/scan.xyz"), copy).expect("a copy");
+    let again = run(&["fit", "renamed.xyz", "--update", "both.planish", "-o", "c.planish", "--json"]);
+    assert!(has(&again, "scan-added-twice"), "{:?}", codes(&again));
+    let other = planish(folder.path(), &["fit", "renamed.xyz", "--update", "both.planish", "--unit", "in"]);
+    assert!(other.stderr.contains("a model of the same unit"), "{}", other.stderr);
+}
+
+#[test]
 fn readings_far_from_the_model_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("first.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");

@@ -1,6 +1,7 @@
-//! Judgement of a comparison: whether σ of the model is consistent, and whether deviations have one sign.
+//! Judgement of a comparison: whether the deviations have a common offset, and whether σ of the model is
+//! consistent.
 
-use super::ComparisonReport;
+use super::{CommonOffset, ComparisonReport};
 use crate::report::words::SmallUnit;
 use planish_core::{Finding, FindingCode};
 use planish_report::numbers::percent;
@@ -17,8 +18,17 @@ const MIN_USABLE_COVERAGE: f64 = 0.7;
 
 /// The findings that follow from the figures of a report.
 pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
-    let mut found = Vec::new();
+    // The offset comes first: it explains deviations everywhere, and σ is judged with and without it.
+    let offset = notable_offset(report);
+    let mut found: Vec<Finding> = (offset.iter())
+        .map(|offset| {
+            let unit = SmallUnit::for_length(report.unit.name(), offset.value);
+            Finding::new(FindingCode::CommonOffset, offset.text(unit))
+        })
+        .collect();
     if let Some(share) = report.coverage95 {
+        let without = (offset.and(report.coverage95_without_offset))
+            .map_or_else(String::new, |share| format!("; without the common offset, {}", percent(share)));
         let text = format!("{} of the reference points lie within 1.96 σ", percent(share));
         found.push(if share < CONSISTENT_COVERAGE[0] {
             let code = if share < MIN_USABLE_COVERAGE {
@@ -26,7 +36,7 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
             } else {
                 FindingCode::CoverageLow
             };
-            Finding::new(code, format!("σ is too small: only {text} (expected: 95 %)"))
+            Finding::new(code, format!("σ is too small: only {text} (expected: 95 %){without}"))
         } else if share > CONSISTENT_COVERAGE[1] {
             Finding::new(FindingCode::CoverageHigh, format!("σ is too large: {text} (expected: 95 %)"))
         } else {
@@ -38,8 +48,10 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
             "the model has no σ: its uncertainty cannot be checked",
         ));
     }
-    // Backward first: it exists for clouds, too, and its feet on a spline are exact.
+    // Backward first: it exists for clouds, too, and its feet on a spline are exact. A mean that is no common
+    // offset has other causes.
     if let Some(d) = report.backward.or(report.forward)
+        && offset.is_none()
         && d.mean.abs() > MAX_BIAS * d.rms
     {
         let unit = SmallUnit::for_length(report.unit.name(), d.rms);
@@ -53,4 +65,16 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
         ));
     }
     found
+}
+
+/// The common offset, if both directions show it.
+///
+/// The chord error of a coarse mesh is an offset in one direction only: its vertices lie on the surface, its
+/// faces inside of it. The smaller offset of two is therefore reported.
+fn notable_offset(report: &ComparisonReport) -> Option<CommonOffset> {
+    let known = || [report.backward, report.forward].into_iter().flatten().filter_map(|d| d.offset);
+    let smaller = known().min_by(|a, b| a.value.abs().total_cmp(&b.value.abs()))?;
+    known()
+        .all(|offset| offset.is_notable() && offset.value.signum() == smaller.value.signum())
+        .then_some(smaller)
 }

@@ -94,11 +94,24 @@ impl Compared {
         }
     }
 
+    /// The unit that the file states, if it does.
     pub(crate) fn unit(&self) -> Option<Unit> {
         match self {
-            Self::Surface(model) => Some(model.unit),
+            Self::Surface(model) => (!model.unit_assumed).then_some(model.unit),
             Self::Mesh(mesh) => mesh.unit,
         }
+    }
+
+    /// Takes the lengths of a file that states no unit as lengths in `unit`.
+    #[must_use]
+    pub(crate) fn with_unit_if_unstated(mut self, unit: Option<Unit>) -> Self {
+        if let (None, Some(unit)) = (self.unit(), unit) {
+            match &mut self {
+                Self::Surface(model) => (model.unit, model.unit_assumed) = (unit, false),
+                Self::Mesh(mesh) => mesh.unit = Some(unit),
+            }
+        }
+        self
     }
 }
 

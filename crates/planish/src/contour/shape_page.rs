@@ -21,6 +21,7 @@ pub(crate) fn shape_page(
     fit: &PrimitiveFit,
     points: Vec<DVec3>,
     input: &Path,
+    gate: Option<f64>,
 ) -> Result<Page> {
     let unit = report.unit.map_or("", |unit| unit.name());
     // Rejected readings must not enlarge a plane or a cylinder.
@@ -54,7 +55,8 @@ pub(crate) fn shape_page(
                         "distance",
                         "normalised distance",
                         "",
-                        FieldKind::Signed(Some(4.0)),
+                        // Colours saturate where readings are rejected.
+                        FieldKind::Signed(gate),
                         fit.distances.clone(),
                     ),
                     kinds(

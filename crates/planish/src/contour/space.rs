@@ -81,7 +81,7 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
     }
     if let Some(page) = &job.report {
         let points = rays.iter().map(|ray| ray.point()).collect();
-        let made = shape_page(&report, &fit, points, &job.input)?;
+        let made = shape_page(&report, &fit, points, &job.input, job.fit.gate)?;
         page.write(made, &[(job.input.clone(), format!("{} readings", rays.len()))])?;
     }
     progress.advance("done", 1.0);

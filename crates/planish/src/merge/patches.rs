@@ -84,7 +84,8 @@ pub fn read_patches(
                 .map_err(|e| e.in_context(path.display()))?;
             // Parts that only the prior determines are no evidence and are not merged.
             let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
-            read.push((of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?, Some(mesh.unit)));
+            let stated = (!model.unit_assumed).then_some(mesh.unit).or(unit);
+            read.push((of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?, stated));
         } else if let Some(file) = with_faces {
             set.inputs.push(path.clone());
             let ComparedMesh { mesh, sigma, observed, unit: of_file } = ComparedMesh::from_file(file, path)?;

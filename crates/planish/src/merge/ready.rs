@@ -9,12 +9,14 @@ use super::inspection::{crossings, drop_copies, mismatched_patches, nearest, ori
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};
+use crate::assumed_unit::implausible_size;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
-    MergePatch, MeshSearch, Overlap, OverlapOptions, StitchedMesh, TriangleMesh, quantile_of_sorted,
+    BoundingBox, MergePatch, MeshSearch, Overlap, OverlapOptions, StitchedMesh, TriangleMesh,
+    quantile_of_sorted,
 };
 use planish_report::numbers::counted;
 use planish_surface::model::{ScanPoseReport, SigmaSummary};
@@ -63,6 +65,11 @@ impl Ready {
                     named.name, named.tidied.dropped
                 ),
             ));
+        }
+        if unit.is_none() {
+            let points = named.iter().flat_map(|p| p.tidied.patch.mesh.positions.iter().copied());
+            let size = BoundingBox::around(points).map_or(0.0, |b| b.longest_side());
+            findings.extend(implausible_size(size, Unit::Millimetre));
         }
         // Copies first: they would make any orientation and any overlap look certain.
         let named = drop_copies(named, &mut findings)?;

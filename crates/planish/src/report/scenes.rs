@@ -237,8 +237,8 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
                 "normalised",
                 "normalised residual",
                 "",
-                // The default gate: colours saturate where readings are rejected.
-                FieldKind::Signed(Some(4.0)),
+                // Colours saturate where readings are rejected. An infinite gate rejects none.
+                FieldKind::Signed(Some(readings.gate).filter(|gate| gate.is_finite())),
                 readings.normalised.clone(),
             ),
             numbers("residual", "residual", unit, FieldKind::Signed(None), readings.residuals.clone()),

@@ -52,7 +52,7 @@ impl ViewedContent {
         progress.check("reading", 0.0)?;
         let ending = extension(path);
         let model = if ending == "planish" {
-            Compared::read(path)?
+            Compared::read(path)?.with_unit_if_unstated(viewed.compare.unit)
         } else if has_faces(path) {
             let file = read_mesh(path)?;
             // Formats of meshes can contain points only.

@@ -150,6 +150,7 @@ pub(super) fn finish(
     };
     let mut model = SurfaceModel {
         unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
+        unit_assumed: set.unit.is_none() && earlier.is_none_or(|m| m.unit_assumed),
         known: this.knowledge(&kind, &own_data, prior)?,
         surface,
         observed: Vec::new(),
@@ -200,7 +201,7 @@ pub(super) fn finish(
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
-    let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise);
+    let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise, options.gate);
     model.observed = judged.observed;
     model.sensors.clone_from(&report.sensors);
     // Poses of earlier sessions come first, as their unknowns do in the information.

@@ -347,6 +347,7 @@ impl Solved {
         };
         Ok(SurfaceModel {
             unit: readings.set.unit.unwrap_or(Unit::Millimetre),
+            unit_assumed: readings.set.unit.is_none(),
             known: Knowledge::PerCoordinate { information, measured },
             excess_variance: self.shared_variance(noise),
             observed: observed.into_iter().map(Observed::from_measured).collect(),

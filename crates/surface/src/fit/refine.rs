@@ -37,15 +37,17 @@ const MAX_FINDING_ITERATIONS: usize = 8;
 const EARLY_ROUND_STEP: f64 = 30.0;
 /// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
-const LAST_ITERATIONS_WITH_POSES: usize = 14;
+const LAST_ITERATIONS_WITH_POSES: usize = 30;
 /// The surface has converged when the mean square step that readings see is this share of its variance.
 /// Smaller values cost iterations for changes well within σ. See decision 0004.
 const CONVERGED_STEP: f64 = 0.1;
 /// The same bound where only the prior holds the surface, which has a longer way to go there. Waiting for
 /// these parts as well took twice as many rounds and changed no reading (decision 0004).
 const CONVERGED_UNSEEN_STEP: f64 = 4.0;
-/// The same bound for poses and biases of scans. Scans slide along the surface with the feet of their
-/// readings and come nearer by about half in each iteration, so the bound is tighter.
+/// Bound of the step of poses and biases of scans, squared in standard deviations of all their unknowns
+/// together. Scans slide along the surface with the feet of their readings and come nearer by about half in
+/// each iteration, so the bound is tighter. It is no mean: all scans refer to the same anchor, so the last
+/// direction to converge is often one of all scans (decision 0096).
 const CONVERGED_SCAN_ERRORS: f64 = 0.02;
 /// Relative change of the smoothness weight below which it has converged.
 const CONVERGED_WEIGHT: f64 = 0.02;

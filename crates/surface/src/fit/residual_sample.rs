@@ -45,6 +45,8 @@ pub struct ResidualSample {
     pub normalised: Vec<f64>,
     /// Index of the scan.
     pub scan: Vec<u16>,
+    /// Normalised residual beyond which readings are rejected.
+    pub gate: f64,
     /// True if the reading was used.
     pub used: Vec<bool>,
     /// One entry for each scan, in their order.
@@ -61,9 +63,11 @@ impl ResidualSample {
         readings: ProjectedReadings<'_>,
         information: &[f64],
         noise: &SensorNoise,
+        gate: f64,
     ) -> Self {
         let ProjectedReadings { observations, subset, feet } = readings;
         let mut sample = Self {
+            gate,
             scans: (set.scans.iter())
                 .map(|posed| ScanSummary {
                     name: posed.scan.name.clone(),

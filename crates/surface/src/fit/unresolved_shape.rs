@@ -163,7 +163,7 @@ pub(super) fn unresolved_shape(
     // The sums of a leaf enter up to nine neighbourhoods, so they are made once.
     let sums: Vec<Shared> =
         (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect::<Result<_>>()?;
-    Ok((0..leaves)
+    let local: Vec<Option<f64>> = (0..leaves)
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
@@ -173,9 +173,19 @@ pub(super) fn unresolved_shape(
             }
             // The leaf alone comes first: the mean over its neighbours would make strong local shape too
             // small.
-            (sums[leaf].mean_square(SIGNIFICANT_ALONE))
-                .or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
-                .unwrap_or(0.0)
+            (sums[leaf].mean_square(SIGNIFICANT_ALONE)).or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
         })
+        .collect();
+    // Shape below the significance of a neighbourhood, but common to the whole surface, as of a curve that
+    // all cells are too large for. With a hundred readings a leaf it can exceed σ of the surface (decision
+    // 0096).
+    let mut rest = Shared::default();
+    for (own, _) in sums.iter().zip(&local).filter(|(_, found)| found.is_none()) {
+        rest.add(own);
+    }
+    let everywhere = rest.mean_square(SIGNIFICANT_TOGETHER).unwrap_or(0.0);
+    // A leaf without readings shows no shape; its σ is that of the prior.
+    Ok((local.into_iter().zip(&sums))
+        .map(|(found, own)| found.unwrap_or(if own.precision > 0.0 { everywhere } else { 0.0 }))
         .collect())
 }

@@ -49,7 +49,7 @@ pub(crate) struct NormalStep {
     pub seen: f64,
     /// Changes of the poses and biases of scans; empty if there are none.
     pub scan_errors: Vec<f64>,
-    /// The mean square of these changes in their variances.
+    /// The square of these changes in their covariance.
     pub scan_error_decrement: f64,
 }
 
@@ -150,7 +150,7 @@ fn pull_of_prior(input: &StepInput<'_>) -> Result<Vec<f64>> {
     Ok(pull)
 }
 
-/// The step of the vertices, that of the scans' unknowns, and the mean square of the latter in variances.
+/// The step of the vertices, that of the scans' unknowns, and the square of the latter in its covariance.
 fn solve(
     input: &StepInput<'_>,
     factor: &CholeskyFactor,
@@ -173,8 +173,7 @@ fn solve(
     let mut of_scans = equations.gradient.clone();
     bordered.solve_in_place(factor, &equations.coupling, &mut step, &mut of_scans)?;
     let length2 = bordered.shared_length2(&of_scans)?;
-    let unknowns = of_scans.len() as f64;
-    Ok((step, of_scans, length2 / unknowns))
+    Ok((step, of_scans, length2))
 }
 
 /// The channels of feet.

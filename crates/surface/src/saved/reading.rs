@@ -227,6 +227,7 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
     };
     let model = SurfaceModel {
         unit,
+        unit_assumed: metadata.unit_assumed,
         known,
         surface,
         observed,

@@ -10,7 +10,11 @@ fn session() -> Session {
         version: "0.1.0".to_owned(),
         arguments: ["fit", "a.ply", "--seed", "3"].map(str::to_owned).to_vec(),
         seed: 3,
-        inputs: vec![SessionInput { name: "a.ply".to_owned(), points: 1234 }],
+        inputs: vec![SessionInput {
+            name: "a.ply".to_owned(),
+            points: 1234,
+            points_hash: Some("5eed".to_owned()),
+        }],
     }
 }
 
