@@ -101,7 +101,12 @@ impl Default for StepOptions {
 /// let square = Brep {
 ///     vertices: corners.to_vec(),
 ///     edges: vec![edge(0, 1), edge(1, 2), edge(2, 3), edge(3, 0)],
-///     faces: vec![BrepFace { surface, edges: (0..4).map(|e| (e, true)).collect(), same_sense: true }],
+///     faces: vec![BrepFace {
+///         surface,
+///         edges: (0..4).map(|e| (e, true)).collect(),
+///         holes: Vec::new(),
+///         same_sense: true,
+///     }],
 ///     closed: false,
 /// };
 /// let path = folder.path().join("square.step");
@@ -342,17 +347,31 @@ fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
     let mut faces = Vec::with_capacity(brep.faces.len());
     for face in &brep.faces {
         let surface = write_surface(out, &face.surface)?;
-        // Each face refers to the shared edge with its own direction.
-        let mut oriented = Vec::with_capacity(face.edges.len());
-        for &(edge, forward) in &face.edges {
-            // The two `*` are the ends, which are derived from the edge.
-            let sense = if forward { "T" } else { "F" };
-            oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{},.{sense}.)", edges[edge]))?);
+        let mut bounds = vec![write_bound(out, "FACE_OUTER_BOUND", &face.edges, &edges)?];
+        for hole in &face.holes {
+            bounds.push(write_bound(out, "FACE_BOUND", hole, &edges)?);
         }
-        let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
-        let bound = out.add(format_args!("FACE_OUTER_BOUND('',{ring},.T.)"))?;
+        let bounds: Vec<String> = bounds.iter().map(Id::to_string).collect();
         let sense = if face.same_sense { "T" } else { "F" };
-        faces.push(out.add(format_args!("ADVANCED_FACE('',({bound}),{surface},.{sense}.)"))?);
+        faces.push(out.add(format_args!("ADVANCED_FACE('',({}),{surface},.{sense}.)", bounds.join(",")))?);
     }
     out.add_list(if brep.closed { "CLOSED_SHELL(''," } else { "OPEN_SHELL(''," }, &faces)
+}
+
+/// Writes one loop of a face over edges that were written.
+fn write_bound<W: Write>(
+    out: &mut Part21<W>,
+    kind: &str,
+    ring: &[(usize, bool)],
+    edges: &[Id],
+) -> io::Result<Id> {
+    // Each face refers to the shared edge with its own direction.
+    let mut oriented = Vec::with_capacity(ring.len());
+    for &(edge, forward) in ring {
+        // The two `*` are the ends, which are derived from the edge.
+        let sense = if forward { "T" } else { "F" };
+        oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{},.{sense}.)", edges[edge]))?);
+    }
+    let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
+    out.add(format_args!("{kind}('',{ring},.T.)"))
 }

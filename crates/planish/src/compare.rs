@@ -142,10 +142,7 @@ impl ComparedPart {
 
 /// Meaning of a value of a mesh's column `observed`.
 fn observed_of(mark: f64) -> Observed {
-    [Observed::Measured, Observed::Inferred]
-        .into_iter()
-        .find(|o| f64::from(o.mark()) == mark)
-        .unwrap_or_default()
+    (0..=u8::MAX).find(|m| f64::from(*m) == mark).and_then(Observed::from_mark).unwrap_or_default()
 }
 
 /// Compares a model with a reference.
@@ -370,7 +367,7 @@ fn surface_pairs(
     for (k, foot) in feet.iter().enumerate() {
         if foot.at_border {
             skipped.reference_beyond_border += 1;
-        } else if !part.holds(model.observed[foot.leaf as usize]) {
+        } else if !part.holds(model.observed_at(foot.leaf as usize, foot.local)) {
             skipped.reference_not_observed += 1;
         } else {
             points.push(k);
@@ -476,7 +473,9 @@ fn observed_vertices(
             };
             let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
             let made = tessellate(&model.surface, &options)?;
-            let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize]).collect();
+            let observed = (made.leaf.iter().zip(&made.local))
+                .map(|(&leaf, &local)| model.observed_at(leaf as usize, local))
+                .collect();
             (made.positions, observed)
         }
         Compared::Mesh(mesh) => {

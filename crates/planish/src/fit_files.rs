@@ -77,6 +77,8 @@ pub struct FitJob {
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
     /// given.
     pub cell_size: Option<f64>,
+    /// Keep the parts of a sheet that were neither measured nor inferred in meshes and STEP files.
+    pub untrimmed: bool,
     /// Folder for the states of a bending sheet, one model and one mesh per time.
     pub states: Option<PathBuf>,
     /// A .glb file or a folder of pictures that shows how the model formed, reading by reading.
@@ -205,7 +207,11 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
     for (state, outputs) in &states {
-        let options = OutputOptions { mesh_tolerance: job.mesh_tolerance, ..OutputOptions::default() };
+        let options = OutputOptions {
+            mesh_tolerance: job.mesh_tolerance,
+            untrimmed: job.untrimmed,
+            ..OutputOptions::default()
+        };
         states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
     }
     // Drawing can be interrupted, writing cannot.
@@ -329,6 +335,7 @@ fn write(
     let options = OutputOptions {
         mesh_tolerance: job.mesh_tolerance,
         cell_size: job.cell_size,
+        untrimmed: job.untrimmed,
         georeference: set.georeference.clone(),
     };
     let prepared = prepare(model, posterior, outputs, &options)?;

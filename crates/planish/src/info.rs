@@ -429,15 +429,8 @@ fn model(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
         .map_err(|e| e.in_context(path.display()))?;
     let surface = &model.surface;
     let space = surface.space();
-    // Shares are by area. Cells are small where detail was measured, so their number would be biased.
     let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| surface.leaf_area(leaf)).collect();
     let area: f64 = areas.iter().sum();
-    let measured: f64 =
-        areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
-    let inferred: f64 = (areas.iter().zip(&model.observed))
-        .filter(|(_, o)| **o == Observed::Inferred)
-        // `sum()` of an empty iterator is −0, which would be printed with its sign.
-        .fold(0.0, |sum, (a, _)| sum + a);
     Ok(FileInfo {
         unit: Some(model.unit),
         files: vec![path.to_path_buf()],
@@ -449,8 +442,8 @@ fn model(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
             base: space.base(),
             observations: model.observations,
             area,
-            observed_area_fraction: measured / area,
-            inferred_area_fraction: inferred / area,
+            observed_area_fraction: model.area_fraction(Observed::Measured),
+            inferred_area_fraction: model.area_fraction(Observed::Inferred),
             // Control vertices lie outside of a curved surface and would enlarge the box.
             bounds: bounds(&points_of_cells(surface)),
             sigma,

@@ -85,4 +85,4 @@ pub use refinement::{detail_covariance, energy_projection, refine_covariance, tw
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;
 pub use tangent_rows::{TangentRows, curvature_tensor};
-pub use tessellation::{Tessellation, TessellationOptions, min_triangles, tessellate};
+pub use tessellation::{Tessellation, TessellationOptions, min_triangles, tessellate, tessellate_at_least};

@@ -92,7 +92,22 @@ pub struct Tessellation {
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
 pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Tessellation> {
-    let divided = divide(surface, options)?;
+    tessellate_at_least(surface, options, |_| 0)
+}
+
+/// [`tessellate`] with the sides of each leaf halved at least as often as stated, at most six times.
+///
+/// # Errors
+/// As for [`tessellate`].
+pub fn tessellate_at_least(
+    surface: &Surface,
+    options: &TessellationOptions,
+    halvings: impl Fn(usize) -> u8,
+) -> Result<Tessellation> {
+    let mut divided = divide(surface, options)?;
+    for (leaf, (n, _)) in divided.iter_mut().enumerate() {
+        *n = n.map(|n| n.max(u32::from(halvings(leaf)).min(MAX_DIVISIONS.ilog2())));
+    }
     let count = divided.len();
     let minimum = triangles_of(&divided);
     if minimum > 1 << 31 {

@@ -3,7 +3,9 @@
 mod brep;
 mod height_raster;
 mod mesh;
+mod trimming;
 
 pub use brep::{BrepOptions, brep_from_surface};
 pub use height_raster::*;
 pub use mesh::*;
+pub use trimming::brep_from_model;

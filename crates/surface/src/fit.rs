@@ -42,6 +42,7 @@ mod report;
 mod residual_sample;
 mod shared_errors;
 mod smoothing;
+mod support;
 mod surface_misfit;
 mod unresolved_shape;
 mod update;
@@ -109,8 +110,7 @@ impl Fit {
     /// The posterior covariance of the model. The fit has computed it already, so this costs nothing.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
-        Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
-            .with_excess_variance(&self.model.excess_variance)
+        Posterior::new(&self.model.surface, Arc::clone(&self.covariance)).of_model(&self.model)
     }
 }
 

@@ -6,13 +6,18 @@
 mod knowledge;
 mod point_sigmas;
 mod posterior;
+mod predictive;
 mod reports;
+mod support;
 
 pub use knowledge::{Knowledge, VertexInformation};
 pub(crate) use point_sigmas::order_by_leaf;
 pub use point_sigmas::sigmas_along;
 pub use posterior::{GlobalCovariance, LeafCovariance, NodeCovariance, Posterior, VertexMotion};
+pub use predictive::{PredictionError, PredictiveSigma};
 pub use reports::{ScanPoseReport, SensorReport, SigmaSummary};
+pub(crate) use support::middles;
+pub use support::{MAX_SUPPORT_DEPTH, Support, SupportCell};
 
 use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};
@@ -40,10 +45,12 @@ pub enum Observed {
     /// By the smoothness prior alone.
     #[default]
     PriorOnly,
-    /// By measurements: a reading within the gate has its foot point within one knot span.
+    /// By measurements: readings within the gate lie within a few of their own spacings in several directions.
     Measured,
     /// By inference from measurements elsewhere: a symmetry, a simple shape, an earlier state.
     Inferred,
+    /// By measurements that the surface does not follow: an edge, a handle, a thin part, or a wrong shape.
+    NotFollowed,
 }
 
 impl Observed {
@@ -61,13 +68,16 @@ impl Observed {
             Self::PriorOnly => 0,
             Self::Measured => 1,
             Self::Inferred => 2,
+            Self::NotFollowed => 3,
         }
     }
 
     /// The meaning of a number in a file; none if it has none.
     #[must_use]
     pub fn from_mark(mark: u8) -> Option<Self> {
-        [Self::PriorOnly, Self::Measured, Self::Inferred].into_iter().find(|o| o.mark() == mark)
+        [Self::PriorOnly, Self::Measured, Self::Inferred, Self::NotFollowed]
+            .into_iter()
+            .find(|o| o.mark() == mark)
     }
 
     /// `Measured` or `PriorOnly`.
@@ -88,8 +98,12 @@ pub struct SurfaceModel {
     pub surface: Surface,
     /// What is known about its control vertices, from which σ follows.
     pub known: Knowledge,
-    /// For each leaf, how it is known.
+    /// For each leaf, how most of it is known.
     pub observed: Vec<Observed>,
+    /// How each place is known; empty if it is known by leaf only (then as `observed` states).
+    pub support: Support,
+    /// Errors of places without readings; none if the covariance alone gives their σ.
+    pub predictive: Option<PredictiveSigma>,
     /// For each leaf, the part of σ² along the normal that is not in the covariance: the mean square of shape
     /// smaller than the leaf, and errors that neighbouring readings share. Empty if there is none.
     pub excess_variance: Vec<f64>,
@@ -108,9 +122,50 @@ impl SurfaceModel {
     #[must_use]
     pub fn area_fraction(&self, kind: Observed) -> f64 {
         let areas: Vec<f64> = (0..self.observed.len()).map(|leaf| self.surface.leaf_area(leaf)).collect();
-        let of_kind = areas.iter().zip(&self.observed).filter(|(_, o)| **o == kind);
+        self.area_fraction_of(&areas, kind)
+    }
+
+    /// [`SurfaceModel::area_fraction`] with the area of each leaf at hand.
+    pub(crate) fn area_fraction_of(&self, areas: &[f64], kind: Observed) -> f64 {
+        let share = |leaf: usize| match self.support.is_empty() {
+            true => f64::from(u8::from(self.observed[leaf] == kind)),
+            false => self.support.share(leaf, kind),
+        };
         // A fold from 0, since the sum of no numbers is −0.
-        of_kind.fold(0.0, |sum, (a, _)| sum + a) / areas.iter().sum::<f64>()
+        areas.iter().enumerate().fold(0.0, |sum, (leaf, area)| sum + share(leaf) * area)
+            / areas.iter().sum::<f64>()
+    }
+
+    /// How the place at leaf-local coordinates is known.
+    #[must_use]
+    pub fn observed_at(&self, leaf: usize, local: [f64; 2]) -> Observed {
+        match self.support.is_empty() {
+            true => self.observed.get(leaf).copied().unwrap_or_default(),
+            false => self.support.at(leaf, local).observed,
+        }
+    }
+
+    /// Marks the places of a leaf that were not measured as inferred.
+    pub(crate) fn set_inferred(&mut self, leaf: usize) {
+        if self.support.is_empty() {
+            self.observed[leaf] = Observed::Inferred;
+        } else {
+            self.support.set_inferred(leaf);
+            self.observed[leaf] = self.support.of_leaf(leaf);
+        }
+    }
+
+    /// Marks the measured places of a leaf in a rectangle of leaf-local coordinates (from, to) as not
+    /// followed by the surface.
+    pub fn set_not_followed(&mut self, leaf: usize, part: [[f64; 2]; 2]) {
+        if self.support.is_empty() {
+            let whole = |observed: &Observed| (0, vec![SupportCell { observed: *observed, distance: 0.0 }]);
+            self.support = Support::new(self.observed.iter().map(whole).collect()).unwrap_or_default();
+        }
+        self.support.set_not_followed(leaf, part);
+        if let Some(observed) = self.observed.get_mut(leaf) {
+            *observed = self.support.of_leaf(leaf);
+        }
     }
 
     /// The same model with every point moved by `by`; covariances do not change.
@@ -153,7 +208,7 @@ impl SurfaceModel {
     /// ```
     pub fn posterior(&self) -> Result<Posterior<'_>> {
         let covariance = self.covariance(&SurfaceSystem::new(self.surface.space())?)?;
-        Ok(Posterior::new(&self.surface, Arc::new(covariance)).with_excess_variance(&self.excess_variance))
+        Ok(Posterior::new(&self.surface, Arc::new(covariance)).of_model(self))
     }
 
     /// The covariance behind [`SurfaceModel::posterior`]; `system` is of the surface's hierarchy.

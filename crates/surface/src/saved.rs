@@ -8,7 +8,12 @@
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
 //! | `shape_left` | L | mean square of the unresolved shape along the normal, if any; a part of σ² |
-//! | `observed` | L, u8 | 1 for a measured leaf, 2 for one inferred by symmetry or smoothness, else 0 |
+//! | `observed` | L, u8 | how most of a leaf is known: 1 measured, 2 inferred, 3 measured but not followed, else 0 |
+//! | `support_depth` | L, u8 | d of each leaf, if places are known finer than by leaf |
+//! | `support_marks` | Σ 4ᵈ, u8 | `observed` of 2ᵈ × 2ᵈ parts of each leaf, row by row |
+//! | `support_distance` | Σ 4ᵈ | distance of their middles to the nearest reading; 0 if measured |
+//! | `predictive_errors` | n × 3 | distance to the nearest reading, factor of σ there, and its floor, if any |
+//! | `predictive_limits` | 2 | power of the distance beyond these, and the largest σ |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
@@ -47,7 +52,7 @@ mod patches;
 mod ranges;
 mod reading;
 
-use crate::model::{Knowledge, SensorReport, SurfaceModel, VertexInformation};
+use crate::model::{Knowledge, SensorReport, SupportCell, SurfaceModel, VertexInformation};
 use consistency::MeanResidual;
 use planish_core::Finding;
 use planish_core::vector3::coordinates;
@@ -124,6 +129,13 @@ struct Metadata {
 
 /// Tensor of the unresolved shape. The name is part of the format and older than the term.
 const UNRESOLVED_SHAPE: &str = "shape_left";
+/// How parts of leaves are known: see [`Support`](crate::model::Support).
+const SUPPORT_DEPTH: &str = "support_depth";
+const SUPPORT_MARKS: &str = "support_marks";
+const SUPPORT_DISTANCE: &str = "support_distance";
+/// Errors where nothing was measured: see [`PredictiveSigma`](crate::model::PredictiveSigma).
+const PREDICTIVE_ERRORS: &str = "predictive_errors";
+const PREDICTIVE_LIMITS: &str = "predictive_limits";
 /// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
 /// the information about them.
 const SHARED_COUPLING: &str = "information_shared_coupling";
@@ -281,6 +293,16 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     if !model.excess_variance.is_empty() {
         tensors.insert(UNRESOLVED_SHAPE.to_owned(), Tensor::f64_list(model.excess_variance.clone()));
     }
+    if !model.support.is_empty() {
+        add_support(&mut tensors, model)?;
+    }
+    if let Some(predictive) = &model.predictive {
+        let errors: Vec<f64> =
+            predictive.errors().iter().flat_map(|e| [e.distance, e.factor, e.floor]).collect();
+        let limits = vec![predictive.growth(), predictive.largest()];
+        tensors.insert(PREDICTIVE_ERRORS.to_owned(), tensor(&[errors.len() / 3, 3], TensorData::F64(errors)));
+        tensors.insert(PREDICTIVE_LIMITS.to_owned(), Tensor::f64_list(limits));
+    }
     if let Some(filter) = model.known.filter() {
         patches::add(&mut tensors, filter)?;
     }
@@ -298,6 +320,24 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let metadata =
         serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
     Ok(ModelFile { tensors, metadata })
+}
+
+fn add_support(tensors: &mut BTreeMap<String, Tensor>, model: &SurfaceModel) -> Result<()> {
+    let leaves = model.surface.space().leaves().len();
+    if model.support.len() != leaves {
+        return Err(Error::input(format!(
+            "expected the support of {leaves} leaves, found that of {}",
+            model.support.len()
+        )));
+    }
+    let depths: Vec<u8> = model.support.leaves().map(|(depth, _)| depth).collect();
+    let cells: Vec<&SupportCell> = model.support.leaves().flat_map(|(_, cells)| cells).collect();
+    let marks = cells.iter().map(|cell| cell.observed.mark()).collect();
+    let distances = cells.iter().map(|cell| cell.distance).collect();
+    tensors.insert(SUPPORT_DEPTH.to_owned(), tensor(&[leaves], TensorData::U8(depths)));
+    tensors.insert(SUPPORT_MARKS.to_owned(), tensor(&[cells.len()], TensorData::U8(marks)));
+    tensors.insert(SUPPORT_DISTANCE.to_owned(), Tensor::f64_list(distances));
+    Ok(())
 }
 
 fn add_information(

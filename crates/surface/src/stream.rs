@@ -13,7 +13,7 @@
 //! cover a closed shape, since its topology and base are chosen from them.
 
 use crate::fit::{FirstFit, FitOptions, first_fit_of, with_neighbours};
-use crate::model::{Knowledge, Observed, SensorReport, SurfaceModel};
+use crate::model::{Knowledge, Observed, SensorReport, Support, SurfaceModel};
 use crate::observe::{ObservationOptions, Observations, RejectionCause};
 use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::saved::{Session, load_with_provenance, save};
@@ -309,6 +309,8 @@ impl SurfaceStream {
             observations: self.readings(),
             // It would follow from residuals, which a stream does not keep.
             excess_variance: Vec::new(),
+            support: Support::default(),
+            predictive: None,
             known: Knowledge::Patches(Arc::new(self.core.filter.clone())),
             surface,
         })

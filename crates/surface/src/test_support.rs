@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used, missing_docs, clippy::missing_panics_doc, reason = "only tests call it")]
 
 use crate::model::{
-    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
+    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, Support, SurfaceModel,
+    VertexInformation,
 };
 use planish_core::DVec3;
 use planish_exchange::Unit;
@@ -47,6 +48,8 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
     SurfaceModel {
         known: Knowledge::AlongNormals { information: VertexInformation { prior, data }, scan_errors: None },
         excess_variance: Vec::new(),
+        support: Support::default(),
+        predictive: None,
         unit: Unit::Millimetre,
         unit_assumed: false,
         observations: 16 * observed.iter().filter(|&&o| o).count(),
@@ -101,8 +104,8 @@ pub fn assert_same_model(a: &SurfaceModel, b: &SurfaceModel) {
         assert_eq!((x.values(), x.vector()), (y.values(), y.vector()));
     }
     assert_eq!(
-        (&a.observed, a.observations, a.smoothness_weight),
-        (&b.observed, b.observations, b.smoothness_weight)
+        (&a.observed, &a.support, &a.predictive, a.observations, a.smoothness_weight),
+        (&b.observed, &b.support, &b.predictive, b.observations, b.smoothness_weight)
     );
     assert_eq!((&a.sensors, &a.poses, a.known.scan_errors()), (&b.sensors, &b.poses, b.known.scan_errors()));
 }

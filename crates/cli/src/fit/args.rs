@@ -110,6 +110,9 @@ pub struct FitArgs {
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
           help_heading = "Surface", hide_short_help = true)]
     pub cell_size: Option<f64>,
+    /// Keep parts of a sheet beyond its readings in meshes and STEP files
+    #[arg(long, help_heading = "Surface", hide_short_help = true)]
+    pub untrimmed: bool,
 
     /// Keep only bare earth below objects up to WIDTH [default width: 36 m]
     ///

@@ -53,7 +53,7 @@ pub struct BrepEdge {
     pub end: usize,
 }
 
-/// A face: a surface within one loop of edges.
+/// A face: a surface within one loop of edges, without the holes inside of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrepFace {
     /// Surface.
@@ -61,6 +61,8 @@ pub struct BrepFace {
     /// The loop: edges by index, and whether each is traversed forward; counter-clockwise seen from the outer
     /// side of the face. Sides that collapse to a point are omitted.
     pub edges: Vec<(usize, bool)>,
+    /// The loops of holes, clockwise seen from the outer side of the face.
+    pub holes: Vec<Vec<(usize, bool)>>,
     /// True if `S_u × S_v` points to the outer side of the face.
     pub same_sense: bool,
 }
@@ -175,7 +177,9 @@ impl Brep {
         let mut used = vec![[false; 2]; self.edges.len()];
         for (index, face) in self.faces.iter().enumerate() {
             named(face.surface.check(), "face", index)?;
-            named(self.check_loop(face, &mut used), "face", index)?;
+            for edges in std::iter::once(&face.edges).chain(&face.holes) {
+                named(self.check_loop(edges, &mut used), "face", index)?;
+            }
         }
         match used.iter().position(|directions| *directions != [true, true]) {
             Some(edge) if self.closed => Err(Error::input(format!(
@@ -186,20 +190,20 @@ impl Brep {
         }
     }
 
-    fn check_loop(&self, face: &BrepFace, used: &mut [[bool; 2]]) -> Result<()> {
+    fn check_loop(&self, edges: &[(usize, bool)], used: &mut [[bool; 2]]) -> Result<()> {
         let ends = |&(edge, forward): &(usize, bool)| {
             let found = self.edges.get(edge).ok_or_else(|| {
                 Error::input(format!("expected an edge below {}, found {edge}", self.edges.len()))
             })?;
             Ok(if forward { (found.start, found.end) } else { (found.end, found.start) })
         };
-        let Some(last) = face.edges.last() else {
+        let Some(last) = edges.last() else {
             return Err(Error::input("expected a loop of edges, found none"));
         };
         // Begins at the end of the last edge, so that the closing of the loop is checked like every other
         // joint.
         let mut at = ends(last)?.1;
-        for oriented in &face.edges {
+        for oriented in edges {
             let (start, end) = ends(oriented)?;
             let (edge, forward) = *oriented;
             if start != at {

@@ -78,6 +78,7 @@ fn sheet() -> Brep {
         faces: vec![BrepFace {
             surface: s,
             edges: vec![(0, true), (1, true), (2, false), (3, false)],
+            holes: Vec::new(),
             same_sense: true,
         }],
         closed: false,
@@ -116,11 +117,13 @@ fn tube() -> Brep {
             BrepFace {
                 surface: halves[0].clone(),
                 edges: vec![(2, true), (1, true), (3, false), (0, false)],
+                holes: Vec::new(),
                 same_sense: true,
             },
             BrepFace {
                 surface: halves[1].clone(),
                 edges: vec![(4, true), (0, true), (5, false), (1, false)],
+                holes: Vec::new(),
                 same_sense: true,
             },
         ],
@@ -152,6 +155,7 @@ fn ball_of(halves: [BsplineSurface; 2]) -> Brep {
     let face = |h: usize| BrepFace {
         surface: halves[h].clone(),
         edges: vec![(1 - h, true), (h, false)],
+        holes: Vec::new(),
         same_sense: true,
     };
     Brep {

@@ -225,7 +225,7 @@ fn quality_section(fit: &Fit, report: &FitReport, gate: f64, unit: SmallUnit<'_>
     }
     let completed = report.propagation.as_ref().map_or(0.0, |p| p.inferred_area_fraction);
     let measured = report.observed_area_fraction;
-    let [grey, blue, orange] = KNOWN_BY.map(|colour| format!("#{colour:06x}"));
+    let [grey, blue, orange, _] = KNOWN_BY.map(|colour| format!("#{colour:06x}"));
     blocks.push(Block::Drawing {
         svg: plot::shares(&[
             ("measured", measured, blue),

@@ -51,6 +51,7 @@ fn known_by(mark: u8) -> &'static str {
     match Observed::from_mark(mark) {
         Some(Observed::Measured) => "measured",
         Some(Observed::Inferred) => "completed",
+        Some(Observed::NotFollowed) => "measured, not followed",
         _ => "smoothness alone",
     }
 }
@@ -58,7 +59,7 @@ fn known_by(mark: u8) -> &'static str {
 /// The field that states how each part is known. Only categories that occur are listed.
 pub(crate) fn observed_field(observed: &[u8]) -> Field {
     // The best known first.
-    let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
+    let categories = [1, 3, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
         "source",

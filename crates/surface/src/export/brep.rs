@@ -50,22 +50,11 @@ impl Default for BrepOptions {
 /// ```
 #[must_use]
 pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
-    let space = surface.space();
-    let [columns, rows] = space.base().map(|n| n as u32);
-    let shape = space.shape();
-    let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
-    // A closed direction is cut into two faces, so that no face closes on itself.
-    let few = Patches::new(space, [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())]);
-    let patches = if few.control_points() <= options.max_control_points {
-        few
-    } else {
-        Patches::new(space, [(0..=columns).collect(), (0..=rows).collect()])
-    };
-    patches.brep(surface)
+    Patches::within(surface.space(), options).brep(surface)
 }
 
 /// The base grid, divided into a coarser grid of patches.
-struct Patches {
+pub(super) struct Patches {
     shape: Shape,
     /// Borders of patches along u and v, in base cells, including both ends of the domain.
     cuts: [Vec<u32>; 2],
@@ -74,15 +63,41 @@ struct Patches {
 }
 
 impl Patches {
+    /// As few patches as closing and the options allow.
+    pub(super) fn within(space: &Hierarchy, options: &BrepOptions) -> Self {
+        let [columns, rows] = space.base().map(|n| n as u32);
+        let shape = space.shape();
+        let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
+        // A closed direction is cut into two faces, so that no face closes on itself.
+        let few = Self::new(space, [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())]);
+        match few.control_points() <= options.max_control_points {
+            true => few,
+            false => Self::new(space, [(0..=columns).collect(), (0..=rows).collect()]),
+        }
+    }
+
+    /// Number of the patch that contains a cell.
+    pub(super) fn of_cell(&self, cell: Cell) -> usize {
+        self.at([cell.i, cell.j].map(|index| i64::from(index >> cell.level)))
+    }
+
+    /// Number of the patch that contains a cell of the base grid.
+    pub(super) fn at(&self, cell: [i64; 2]) -> usize {
+        let [a, b] =
+            [0, 1].map(|d| self.cuts[d].partition_point(|&cut| i64::from(cut) <= cell[d]).max(1) - 1);
+        b * self.count()[0] + a
+    }
+
     fn new(space: &Hierarchy, cuts: [Vec<u32>; 2]) -> Self {
         let mut levels = vec![0; (cuts[0].len() - 1) * (cuts[1].len() - 1)];
-        for cell in space.leaves() {
-            let patch = |d: usize, index: u32| cuts[d].partition_point(|&cut| cut <= index >> cell.level) - 1;
-            let at = patch(1, cell.j) * (cuts[0].len() - 1) + patch(0, cell.i);
+        let mut patches = Self { shape: space.shape(), cuts, levels: Vec::new() };
+        for &cell in space.leaves() {
+            let at = patches.of_cell(cell);
             // A coarse leaf has an exact representation at a finer level, but not the reverse.
             levels[at] = cell.level.max(levels[at]);
         }
-        Self { shape: space.shape(), cuts, levels }
+        patches.levels = levels;
+        patches
     }
 
     /// Patches along u and v.
@@ -104,7 +119,7 @@ impl Patches {
         self.all().map(|patch| (self.spans(patch, 0) + 3) * (self.spans(patch, 1) + 3)).sum()
     }
 
-    fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+    pub(super) fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
         let [nu, nv] = self.count();
         (0..nv).flat_map(move |b| (0..nu).map(move |a| [a, b]))
     }
@@ -120,7 +135,7 @@ impl Patches {
     }
 
     /// The tensor surface on a patch. Rows at a pole equal the pole exactly.
-    fn surface(&self, surface: &Surface, patch: [usize; 2]) -> BsplineSurface {
+    pub(super) fn surface(&self, surface: &Surface, patch: [usize; 2]) -> BsplineSurface {
         let level = self.level(patch);
         let [nu, nv] = [0, 1].map(|d| self.spans(patch, d));
         let [i0, j0] = [0, 1].map(|d| self.cuts[d][patch[d]] << level);
@@ -170,7 +185,7 @@ impl Patches {
         }
     }
 
-    fn brep(&self, surface: &Surface) -> Brep {
+    pub(super) fn brep(&self, surface: &Surface) -> Brep {
         let surfaces: Vec<BsplineSurface> = self.all().map(|patch| self.surface(surface, patch)).collect();
         let closed = self.shape.periodic_u() && (self.shape.periodic_v() || self.shape.polar());
         // The parametrisation may be inside out, which the sign of the enclosed volume shows.
@@ -190,7 +205,7 @@ impl Patches {
         brep.faces = surfaces
             .into_iter()
             .zip(loops)
-            .map(|(surface, edges)| BrepFace { surface, edges, same_sense: outward })
+            .map(|(surface, edges)| BrepFace { surface, edges, holes: Vec::new(), same_sense: outward })
             .collect();
         brep
     }

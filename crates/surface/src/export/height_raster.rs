@@ -155,7 +155,7 @@ fn places_under_cells(model: &SurfaceModel, layout: &Layout, map: &AffineMap) ->
                     // neighbours.
                     guess = place.as_ref().map(|p| p.parameters);
                     place
-                        .filter(|p| model.observed[p.leaf as usize].is_measured())
+                        .filter(|p| model.observed_at(p.leaf as usize, p.local).is_measured())
                         .map(|p| Place { cell: row * layout.columns + column, ..p })
                 })
                 .collect()

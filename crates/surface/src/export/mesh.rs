@@ -2,12 +2,13 @@
 //!
 //! Input: a model, its posterior and a chord error. Output: a [`ModelMesh`], written as PLY or GLB with
 //! `x y z nx ny nz sigma observed`, or as OBJ or STL without σ. σ is that of the surface point along its
-//! normal. `observed` is 1 on measured leaves, 2 on leaves completed by inference from other parts, and 0
-//! where only the prior holds. The bytes do not depend on the number of threads.
+//! normal. `observed` is 1 where readings support the surface, 2 where it was completed by inference from other
+//! parts, 3 where it does not follow its readings, and 0 where only the prior holds. The bytes do not depend on the number of threads.
 //!
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
 //! mesh does not cross itself where the surface folds.
 
+use super::trimming::KeptParts;
 use crate::model::SigmaSummary;
 use crate::model::sigmas_along;
 use crate::model::{Posterior, SurfaceModel};
@@ -16,7 +17,7 @@ use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::{TriangleMesh, VertexCurvature};
-use planish_spline::{Surface, TessellationOptions, min_triangles, tessellate};
+use planish_spline::{Surface, TessellationOptions, min_triangles, tessellate, tessellate_at_least};
 use std::path::Path;
 
 /// Approximate maximum of triangles of meshes without a requested tolerance: a file of some 40 MB.
@@ -33,7 +34,7 @@ pub struct ModelMesh {
     pub normals: Vec<DVec3>,
     /// σ of each vertex along its normal, in the model's unit.
     pub sigma: Vec<f64>,
-    /// 1 for a measured vertex, 2 for an inferred one, 0 where only the prior holds.
+    /// How each vertex is known: see [`Observed::mark`](crate::model::Observed::mark).
     pub observed: Vec<u8>,
     /// Chord error of the mesh.
     pub tolerance: f64,
@@ -72,6 +73,21 @@ pub fn mesh_from_model(
     mesh_of_size(model, posterior, tolerance, [MAX_DEFAULT_TRIANGLES, MAX_TRIANGLES])
 }
 
+/// [`mesh_from_model`] without the parts of a sheet that were neither measured nor inferred; see
+/// [`Support`](crate::model::Support). Other shapes stay whole.
+///
+/// # Errors
+/// As for [`mesh_from_model`].
+pub fn trimmed_mesh_from_model(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+) -> Result<ModelMesh> {
+    let limits = [MAX_DEFAULT_TRIANGLES, MAX_TRIANGLES];
+    let kept = KeptParts::new(model);
+    placed_mesh_of_size(model, posterior, tolerance, limits, kept.as_ref()).map(|placed| placed.mesh)
+}
+
 /// A mesh, with the surface parameters of each vertex.
 pub struct PlacedMesh {
     /// The mesh.
@@ -92,7 +108,7 @@ pub fn placed_mesh(
     tolerance: Option<f64>,
     max_triangles: u64,
 ) -> Result<PlacedMesh> {
-    placed_mesh_of_size(model, posterior, tolerance, [max_triangles; 2])
+    placed_mesh_of_size(model, posterior, tolerance, [max_triangles; 2], None)
 }
 
 /// [`mesh_from_model`] with other limits of triangles: without and with a requested tolerance.
@@ -102,7 +118,7 @@ fn mesh_of_size(
     tolerance: Option<f64>,
     max_triangles: [u64; 2],
 ) -> Result<ModelMesh> {
-    placed_mesh_of_size(model, posterior, tolerance, max_triangles).map(|placed| placed.mesh)
+    placed_mesh_of_size(model, posterior, tolerance, max_triangles, None).map(|placed| placed.mesh)
 }
 
 fn placed_mesh_of_size(
@@ -110,6 +126,7 @@ fn placed_mesh_of_size(
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
     [max_by_default, max_triangles]: [u64; 2],
+    kept: Option<&KeptParts<'_>>,
 ) -> Result<PlacedMesh> {
     let mut findings = Vec::new();
     let unit = model.unit;
@@ -142,7 +159,12 @@ fn placed_mesh_of_size(
     }
     let tolerance = affordable;
     let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
-    let made = tessellate(&model.surface, &options)?;
+    let made = match kept {
+        None => tessellate(&model.surface, &options)?,
+        Some(kept) => {
+            kept.trimmed(&tessellate_at_least(&model.surface, &options, |leaf| kept.halvings(leaf))?)
+        }
+    };
     if made.limited_leaves > 0 {
         let text = format!(
             "the chord error exceeds {tolerance:.2e} {unit} on {} of {} cells, because cells are divided \
@@ -153,7 +175,9 @@ fn placed_mesh_of_size(
         findings.push(Finding::new(FindingCode::MeshSubdivisionLimit, text));
     }
     let sigma = sigmas_along(posterior, &made.leaf, &made.local, &made.normals)?;
-    let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize].mark()).collect();
+    let observed = (made.leaf.iter().zip(&made.local))
+        .map(|(&leaf, &local)| model.observed_at(leaf as usize, local).mark())
+        .collect();
     Ok(PlacedMesh {
         mesh: ModelMesh {
             mesh: TriangleMesh::try_new(made.positions, made.triangles)?,

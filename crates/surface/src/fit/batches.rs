@@ -10,9 +10,9 @@
 //! Not guaranteed: normals from neighbours for the batches that are added. If a file states no normals, such
 //! a reading belongs to the nearest side of the surface.
 
-use super::leaves::observed_leaves;
 use super::noise::{ResidualSums, SensorNoise};
 use super::refine::ConvergedFit;
+use super::support::{Occupancy, occupancy_at};
 use super::weights::weights;
 use super::{FitOptions, observation_options, observe};
 use crate::observe::{FootChannels, ProjectedReadings, StepInput, accumulate, add_up, normal_step, project};
@@ -201,8 +201,8 @@ fn hash(p: DVec3, seed: u64) -> u64 {
 pub(super) struct AddedBatches {
     /// Their information.
     pub data: BlockInformation,
-    /// The leaves that hold their readings.
-    pub observed: Vec<bool>,
+    /// For each leaf, where their positions lie.
+    pub occupied: Vec<Occupancy>,
     /// Their rejected readings, by cause.
     pub rejected: BTreeMap<RejectionCause, usize>,
     /// Their readings before any rejection.
@@ -269,8 +269,10 @@ impl AddedBatches {
                 .collect();
             self.data.add_scaled(&accumulate(system, surface, &feet, &others)?, 1.0)?;
         }
-        for (seen, now) in self.observed.iter_mut().zip(observed_leaves(surface, &feet, &information)) {
-            *seen |= now;
+        for (foot, &w) in feet.iter().zip(&information) {
+            if w > 0.0 && foot.quantity == Quantity::Position {
+                self.occupied[foot.leaf as usize] |= occupancy_at(foot.local);
+            }
         }
         self.total += observations.intake.total;
         for (cause, n) in &observations.intake.rejected {
@@ -303,7 +305,7 @@ pub(super) fn add_batches(
     let ConvergedFit { surface, system, noise, .. } = &*converged;
     let mut added = AddedBatches {
         data: system.zero_information()?,
-        observed: vec![false; surface.space().leaves().len()],
+        occupied: vec![0; surface.space().leaves().len()],
         rejected: batches.rejected.clone(),
         total: 0,
         used: vec![ResidualSums::default(); first.channels.len()],

@@ -207,9 +207,9 @@ impl Lengths {
 
     /// Marks leaves without a reading of this state as inferred, if other times have measured them.
     fn carry_into(&self, state: &mut Fit, held: &[bool]) {
-        for ((now, held), measured) in state.model.observed.iter_mut().zip(held).zip(&self.measured) {
+        for (leaf, (held, measured)) in held.iter().zip(&self.measured).enumerate() {
             if !held && *measured {
-                *now = Observed::Inferred;
+                state.model.set_inferred(leaf);
             }
         }
     }

@@ -8,6 +8,8 @@
 //! | covariance | posterior covariance, with the poses and biases of scans as common unknowns |
 //! | degrees | degrees of freedom that the readings of each channel determine |
 //! | held_out | comparison with the readings that were held out |
+//! | support | how each place of the surface is known |
+//! | prediction | errors of unobserved surface, by left-out regions |
 //! | reports | figures of sensors and poses |
 //! | findings | what a user should know |
 
@@ -15,7 +17,9 @@ mod covariance;
 mod degrees;
 mod findings;
 mod held_out;
+mod prediction;
 mod reports;
+mod support;
 
 pub(super) use degrees::variances_of_surface;
 pub(super) use findings::common_findings;
@@ -23,7 +27,7 @@ use planish_core::{DVec3, Finding, FindingCode, Setting};
 pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 
 use super::batches::AddedBatches;
-use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
+use super::leaves::leaf_areas;
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
@@ -33,7 +37,7 @@ use super::verdict::{Verdict, VerdictInput, judge_surface};
 use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
-    Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, SurfaceModel,
+    Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, Support, SurfaceModel,
     VertexInformation,
 };
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
@@ -154,6 +158,8 @@ pub(super) fn finish(
         known: this.knowledge(&kind, &own_data, prior)?,
         surface,
         observed: Vec::new(),
+        support: Support::default(),
+        predictive: None,
         excess_variance: Vec::new(),
         sensors: Vec::new(),
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
@@ -184,6 +190,7 @@ pub(super) fn finish(
     let unresolved = UnresolvedShape::from_leaves(&left, &leaf_areas(&model.surface));
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
     model.excess_variance = this.excess_variance(&model.surface, left, &shared);
+    this.add_support(&mut model)?;
 
     let judged = Judged {
         model: &model,
@@ -195,14 +202,12 @@ pub(super) fn finish(
             .filter(|(_, channel)| !channel.inferred)
             .map(|(d, _)| d)
             .sum::<f64>(),
-        observed: this.observed(&model),
         unresolved,
         verdict: &verdict,
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
     let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise, options.gate);
-    model.observed = judged.observed;
     model.sensors.clone_from(&report.sensors);
     // Poses of earlier sessions come first, as their unknowns do in the information.
     model.poses.extend(report.poses.iter().cloned());
@@ -220,8 +225,6 @@ struct Judged<'a> {
     noise: &'a SensorNoise,
     /// Degrees of freedom that the readings at hand determine.
     determined: f64,
-    /// How each leaf is known.
-    observed: Vec<Observed>,
     /// The unresolved shape of the leaves, without the errors that readings share.
     unresolved: Option<UnresolvedShape>,
     verdict: &'a Verdict,
@@ -257,28 +260,24 @@ impl Finishing<'_> {
     /// The report. `at` holds the parameters of all observations, by which held-out readings are projected.
     fn report(&self, fit: &Judged<'_>, at: &mut [[f64; 2]]) -> Result<FitReport> {
         let Finishing { set, observations, options, .. } = *self;
-        let Judged { model, covariance, noise, ref observed, ref ending, .. } = *fit;
+        let Judged { model, covariance, noise, ref ending, .. } = *fit;
+        let observed = &model.observed;
         let rejected = self.rejected();
         // The readings' σ comes from residuals that contain the unresolved shape. Adding that to the σ of the
         // surface as well would count it twice.
         let exact = Posterior::new(&model.surface, Arc::clone(covariance)).given_scan_errors();
         let held_out = judge_held_out(&exact, observations, noise, at, options.gate)?;
-        if !observed.contains(&Observed::Measured) {
+        let areas = leaf_areas(&model.surface);
+        let share_of = |kind: Observed| model.area_fraction_of(&areas, kind);
+        let observed_area_fraction = share_of(Observed::Measured);
+        if observed_area_fraction == 0.0 {
             return Err(Error::undetermined(
                 "expected readings within the gate, found none: no part of the surface was measured",
             ));
         }
         // A user reads this σ as that of the real surface, so it includes the unresolved shape.
-        let sigma = Posterior::new(&model.surface, Arc::clone(covariance))
-            .with_excess_variance(&model.excess_variance)
-            .sigma_summary(observed)?;
-        let areas = leaf_areas(&model.surface);
-        let total_area: f64 = areas.iter().sum();
-        let share_of = |kind: Observed| -> f64 {
-            let of_kind = areas.iter().zip(observed).filter(|(_, o)| **o == kind);
-            of_kind.map(|(a, _)| a).sum::<f64>() / total_area
-        };
-        let observed_area_fraction = share_of(Observed::Measured);
+        let sigma =
+            Posterior::new(&model.surface, Arc::clone(covariance)).of_model(model).sigma_summary(observed)?;
         let totals = self.totals();
         // Degrees of freedom that all readings determine: those at hand, and further batches in proportion.
         let determined = fit.determined * totals.rows / totals.own_rows.max(1) as f64;
@@ -456,38 +455,6 @@ impl Finishing<'_> {
             }
         }
         if excess.iter().any(|own| *own > 0.0) { excess } else { Vec::new() }
-    }
-
-    /// For each leaf of the model, how it is known: measured, inferred, or by the prior alone.
-    fn observed(&self, model: &SurfaceModel) -> Vec<Observed> {
-        let surface = &model.surface;
-        let own = leaves_with_feet(surface, self.feet, self.information, |k| self.is_measured_foot(k));
-        let mut measured = with_neighbours(surface.space(), &own);
-        if let Some(added) = self.added {
-            for (now, other) in measured.iter_mut().zip(&added.observed) {
-                *now |= other;
-            }
-        }
-        let with_inferred =
-            leaves_with_feet(surface, self.feet, self.information, |k| !self.is_measured_foot(k));
-        let inferred = with_neighbours(surface.space(), &with_inferred);
-        // Patches may have been divided since: look up the leaf of the earlier model by its parameters.
-        let before = |leaf: usize| {
-            self.earlier.map_or(Observed::PriorOnly, |model| {
-                let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
-                model.observed[model.surface.space().locate(u, v).0]
-            })
-        };
-        (0..measured.len())
-            .map(|leaf| match before(leaf) {
-                // Readings are inferred only where no real one is near. A leaf that holds inferred readings
-                // alone was not measured, even if its neighbour was.
-                before if with_inferred[leaf] && !own[leaf] && !before.is_measured() => Observed::Inferred,
-                _ if measured[leaf] => Observed::Measured,
-                Observed::PriorOnly if inferred[leaf] => Observed::Inferred,
-                before => before,
-            })
-            .collect()
     }
 
     /// Rejected readings by cause, those of further batches included.

@@ -20,7 +20,7 @@ use super::shared_errors::{MAX_OVERSTATEMENT, combined_variance};
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{
-    Knowledge, NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel, VertexInformation,
+    Knowledge, NodeCovariance, Observed, Posterior, SensorReport, Support, SurfaceModel, VertexInformation,
 };
 use crate::observe::{Quantity, RejectionCause};
 use planish_core::Progress;
@@ -350,6 +350,8 @@ impl Solved {
             unit_assumed: readings.set.unit.is_none(),
             known: Knowledge::PerCoordinate { information, measured },
             excess_variance: self.shared_variance(noise),
+            support: Support::default(),
+            predictive: None,
             observed: observed.into_iter().map(Observed::from_measured).collect(),
             sensors: self.sensor_reports(readings, noise),
             poses: scan_pose_reports(readings.set),

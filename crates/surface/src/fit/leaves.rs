@@ -36,11 +36,6 @@ pub(super) fn leaves_with_feet(
     own
 }
 
-/// For each leaf, whether it or one of its eight neighbours holds an ungated foot.
-pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f64]) -> Vec<bool> {
-    with_neighbours(surface.space(), &leaves_with_feet(surface, feet, information, |_| true))
-}
-
 /// The marked leaves and the neighbours of each.
 pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
     // The functions of a leaf extend over its neighbours, so its readings determine the surface there as

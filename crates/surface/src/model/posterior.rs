@@ -1,7 +1,9 @@
 //! The posterior covariance of a surface.
 
-use super::Observed;
+use super::predictive::PredictiveSigma;
 use super::reports::SigmaSummary;
+use super::support::Support;
+use super::{Observed, SurfaceModel};
 use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
 use planish_estimate::{Error, Result};
@@ -21,6 +23,8 @@ pub struct Posterior<'a> {
     given_scan_errors: bool,
     /// For each leaf the part of σ² that is not in the covariance; none if empty.
     excess_variance: &'a [f64],
+    /// Where nothing was measured, and the errors there.
+    prediction: Option<(&'a Support, &'a PredictiveSigma)>,
 }
 
 /// The covariance of vertices of a surface that share a leaf.
@@ -62,6 +66,8 @@ pub struct LeafCovariance<'a> {
     covariance: Vec<f64>,
     /// Part of σ² along the normal that is not in the covariance.
     excess_variance: f64,
+    /// The support of the model, this leaf's number, and errors where nothing was measured.
+    prediction: Option<(&'a Support, usize, &'a PredictiveSigma)>,
 }
 
 /// Identity: the weights of a leaf's sixteen coefficients on themselves.
@@ -154,12 +160,19 @@ impl<'a> Posterior<'a> {
     /// A surface with the covariance of its control vertices.
     #[must_use]
     pub fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self { surface, covariance, given_scan_errors: false, excess_variance: &[] }
+        Self { surface, covariance, given_scan_errors: false, excess_variance: &[], prediction: None }
     }
 
     /// The same with the part of σ² of each leaf that is not in the covariance.
     pub(crate) fn with_excess_variance(self, excess_variance: &'a [f64]) -> Self {
         Self { excess_variance, ..self }
+    }
+
+    /// The same with what a model states about σ besides the covariance: excess variance, and errors where
+    /// nothing was measured.
+    pub(crate) fn of_model(self, model: &'a SurfaceModel) -> Self {
+        let prediction = model.predictive.as_ref().map(|errors| (&model.support, errors));
+        Self { excess_variance: &model.excess_variance, prediction, ..self }
     }
 
     /// The same as if poses and biases of all scans were known. This is the surface as seen from the scans.
@@ -169,6 +182,7 @@ impl<'a> Posterior<'a> {
             covariance: Arc::clone(&self.covariance),
             given_scan_errors: true,
             excess_variance: self.excess_variance,
+            prediction: self.prediction,
         }
     }
 
@@ -178,6 +192,7 @@ impl<'a> Posterior<'a> {
     /// `Undetermined` if the leaf's nodes are not coupled, which does not happen for models of this crate.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let excess_variance = self.excess_variance.get(leaf).copied().unwrap_or(0.0);
+        let prediction = self.prediction.map(|(support, errors)| (support, leaf, errors));
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
         let GlobalCovariance { inverse, motion, shared } = match &*self.covariance {
             NodeCovariance::Nodes(covariance) => covariance,
@@ -191,6 +206,7 @@ impl<'a> Posterior<'a> {
                     }),
                     covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
                     excess_variance,
+                    prediction,
                 });
             }
         };
@@ -211,6 +227,7 @@ impl<'a> Posterior<'a> {
             },
             covariance,
             excess_variance,
+            prediction,
         })
     }
 
@@ -237,12 +254,13 @@ impl<'a> Posterior<'a> {
     /// # Errors
     /// `Undetermined` if the surface has no area there.
     pub fn sigma_summary(&self, observed: &[Observed]) -> Result<SigmaSummary> {
-        let any = observed.contains(&Observed::Measured);
+        let is_known = |leaf: usize| observed[leaf].is_measured() && self.is_supported_at_middle(leaf);
+        let any = (0..observed.len()).any(is_known);
         let surface = self.surface();
         let mut by_area: Vec<(f64, f64)> = (0..observed.len())
             .into_par_iter()
             .with_min_len(64)
-            .filter(|&leaf| observed[leaf].is_measured() || !any)
+            .filter(|&leaf| is_known(leaf) || !any)
             .map(|leaf| {
                 let jet = surface.leaf_jet(leaf, 0.5, 0.5);
                 // A collapsed leaf has no normal. Its σ is then zero, and it is dropped below.
@@ -273,15 +291,32 @@ impl<'a> Posterior<'a> {
         Ok(SigmaSummary { median: quantile(0.5), p95: quantile(0.95), max })
     }
 
-    /// σ of the surface point at leaf-local coordinates along a unit direction.
+    /// False if the middle of a leaf was not measured although most of it was.
+    fn is_supported_at_middle(&self, leaf: usize) -> bool {
+        self.prediction.is_none_or(|(support, _)| support.at(leaf, [0.5; 2]).observed.is_measured())
+    }
+
+    /// σ of the surface point at leaf-local coordinates along a unit direction, with the errors of places where
+    /// nothing was measured.
     #[must_use]
     pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: DVec3) -> f64 {
         // Terms of both signs cancel, and rounding may leave a variance slightly below zero.
-        cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
+        let variance = cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0);
+        cell.predicted_variance(local, variance).sqrt()
     }
 }
 
 impl LeafCovariance<'_> {
+    /// The variance at leaf-local coordinates, with the errors of places where nothing was measured.
+    fn predicted_variance(&self, local: [f64; 2], variance: f64) -> f64 {
+        let Some((support, leaf, errors)) = self.prediction else { return variance };
+        let cell = support.at(leaf, local);
+        match cell.observed {
+            Observed::PriorOnly => errors.variance(variance, cell.distance),
+            Observed::Measured | Observed::Inferred | Observed::NotFollowed => variance,
+        }
+    }
+
     /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`. Unresolved shape is included
     /// for points (weights `c` with sum 1), not for differences of points.
     #[must_use]

@@ -6,9 +6,13 @@
 
 use super::consistency::MeanResidual;
 use super::ranges::{check_information, check_metadata, check_pose, check_rows, check_semidefinite};
-use super::{Metadata, SHARED_CORNER, SHARED_COUPLING, SavedModel, UNRESOLVED_SHAPE, flat_pattern};
+use super::{
+    Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, SHARED_CORNER, SHARED_COUPLING, SUPPORT_DEPTH,
+    SUPPORT_DISTANCE, SUPPORT_MARKS, SavedModel, UNRESOLVED_SHAPE, flat_pattern,
+};
 use crate::model::{
-    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SurfaceModel, VertexInformation,
+    Knowledge, MAX_SUPPORT_DEPTH, Observed, PredictionError, PredictiveSigma, ScanErrorInformation,
+    ScanPoseReport, Support, SupportCell, SurfaceModel, VertexInformation,
 };
 use planish_core::vector3::from_arrays;
 use planish_core::{Finding, FindingCode};
@@ -58,6 +62,49 @@ impl Tensors {
             left[leaf] = square;
         }
         Ok(left)
+    }
+
+    /// How each place is known; `order` maps cells of the file to leaves. Empty if the file knows it by leaf.
+    fn support(&mut self, order: &[usize]) -> Result<Support> {
+        if !self.0.contains_key(SUPPORT_DEPTH) {
+            return Ok(Support::default());
+        }
+        let depths = self.u8(SUPPORT_DEPTH)?;
+        expect_rows(SUPPORT_DEPTH, depths.len(), order.len(), "cells")?;
+        check_rows(SUPPORT_DEPTH, &depths, 1, "0 to 5 divisions", |d| d[0] <= MAX_SUPPORT_DEPTH)?;
+        let marks = self.u8(SUPPORT_MARKS)?;
+        let distances = self.f64(SUPPORT_DISTANCE, &[])?;
+        let total = depths.iter().map(|depth| 1_usize << (2 * depth)).sum();
+        expect_rows(SUPPORT_MARKS, marks.len(), total, "parts of cells")?;
+        expect_rows(SUPPORT_DISTANCE, distances.len(), total, "parts of cells")?;
+        check_rows(SUPPORT_MARKS, &marks, 1, "0, 1, 2 or 3", |mark| Observed::from_mark(mark[0]).is_some())?;
+        check_rows(SUPPORT_DISTANCE, &distances, 1, "a distance ≥ 0", |distance| distance[0] >= 0.0)?;
+        let mut leaves = vec![(0, Vec::new()); order.len()];
+        let mut parts = marks.iter().zip(&distances);
+        for (&leaf, &depth) in order.iter().zip(&depths) {
+            let own = parts.by_ref().take(1 << (2 * depth)).map(|(&mark, &distance)| SupportCell {
+                observed: Observed::from_mark(mark).unwrap_or_default(),
+                distance,
+            });
+            leaves[leaf] = (depth, own.collect());
+        }
+        Support::new(leaves)
+    }
+
+    /// Errors where nothing was measured, if the file has any.
+    fn predictive(&mut self) -> Result<Option<PredictiveSigma>> {
+        if !self.0.contains_key(PREDICTIVE_ERRORS) {
+            return Ok(None);
+        }
+        let errors = self.f64(PREDICTIVE_ERRORS, &[3])?;
+        let limits = self.f64(PREDICTIVE_LIMITS, &[])?;
+        expect_rows(PREDICTIVE_LIMITS, limits.len(), 2, "limits")?;
+        let errors = (errors.as_chunks::<3>().0.iter())
+            .map(|&[distance, factor, floor]| PredictionError { distance, factor, floor })
+            .collect();
+        PredictiveSigma::new(errors, limits[0], limits[1])
+            .map(Some)
+            .map_err(|e| e.in_context(format_args!("tensor `{PREDICTIVE_ERRORS}`")))
     }
 
     pub(super) fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
@@ -173,11 +220,13 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
     let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
     let marks = tensors.u8("observed")?;
     expect_rows("observed", marks.len(), order.len(), "cells")?;
-    check_rows("observed", &marks, 1, "0, 1 or 2", |mark| Observed::from_mark(mark[0]).is_some())?;
+    check_rows("observed", &marks, 1, "0, 1, 2 or 3", |mark| Observed::from_mark(mark[0]).is_some())?;
     let mut observed = vec![Observed::default(); order.len()];
     for (&leaf, &mark) in order.iter().zip(&marks) {
         observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
+    let support = tensors.support(&order)?;
+    let predictive = tensors.predictive()?;
     let excess_variance = tensors.excess_variance(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), from_arrays(vertices.as_chunks::<3>().0).to_vec())?;
@@ -231,6 +280,8 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
         known,
         surface,
         observed,
+        support,
+        predictive,
         sensors: metadata.sensors,
         poses,
         excess_variance,

@@ -1,4 +1,5 @@
 use super::*;
+use crate::model::{Observed, PredictionError, PredictiveSigma};
 use crate::test_support::{assert_same_model, small_model};
 use planish_core::DVec3;
 use planish_estimate::ErrorKind;
@@ -18,11 +19,22 @@ fn session() -> Session {
     }
 }
 
+/// A model that knows one leaf by parts, and the errors of unobserved surface.
+fn model_with_support(shape: Shape) -> SurfaceModel {
+    let mut model = small_model(shape);
+    model.set_not_followed(2, [[0.0, 0.0], [0.4, 1.0]]);
+    assert_eq!(model.observed_at(2, [0.1, 0.9]), Observed::NotFollowed);
+    let near = PredictionError { distance: 0.25, factor: 1.5, floor: 1.0 / 3.0 };
+    let far = PredictionError { distance: 2.0 / 3.0, factor: 4.0, ..near };
+    model.predictive = Some(PredictiveSigma::new(vec![near, far], 1.25, 7.0).unwrap());
+    model
+}
+
 #[test]
 fn save_load_save_gives_the_same_model_and_bytes() {
     let folder = tempfile::tempdir().unwrap();
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
-        let model = small_model(shape);
+        let model = model_with_support(shape);
         let (first, second) = (folder.path().join("first.planish"), folder.path().join("second.planish"));
         save(&model, &[session()], &first).unwrap();
         let loaded = load_with_provenance(&first).unwrap();
@@ -165,7 +177,7 @@ fn numbers_out_of_range_are_named_with_their_index() {
     }
     for (name, index, value, words) in [
         ("poses", 6, 0.0, "row 0: expected a quaternion x y z w of length 1"),
-        ("observed", 3, 7.0, "row 3: expected 0, 1 or 2, found 7"),
+        ("observed", 3, 7.0, "row 3: expected 0, 1, 2 or 3, found 7"),
         ("information_prior_values", 0, -1.0, "block 0 (vertex 0): expected numbers ≥ 0 on the diagonal"),
         ("information_data_values", 10, 1e9, "block 1 (vertex 0): expected at most"),
         ("information_shared_corner", 3, -1.0, "row 1, column 1"),
@@ -244,4 +256,30 @@ fn a_file_without_checksums_has_a_finding() {
     file.metadata["schema"] = json!(1);
     let codes: Vec<_> = from_file(file).unwrap().findings.iter().map(|f| f.code).collect();
     assert_eq!(codes, [planish_core::FindingCode::ModelWithoutChecksums]);
+}
+
+#[test]
+fn support_that_does_not_fit_the_cells_is_refused() {
+    let complaint = |change: &dyn Fn(&mut ModelFile)| {
+        let mut file = to_file(&model_with_support(Shape::Ball), &[]).unwrap();
+        change(&mut file);
+        from_file(file).expect_err("the change is damage").to_string()
+    };
+    let bytes = |file: &mut ModelFile, name: &str, at: usize, value: u8| {
+        let TensorData::U8(values) = &mut file.tensors.get_mut(name).unwrap().data else { panic!("{name}") };
+        values[at] = value;
+    };
+    let found = complaint(&|file| bytes(file, "support_depth", 0, 9));
+    assert!(found.contains("`support_depth`, row 0: expected 0 to 5 divisions, found 9"), "{found}");
+    let found = complaint(&|file| bytes(file, "support_depth", 0, 1));
+    assert!(found.contains("expected a row for each of"), "{found}");
+    let found = complaint(&|file| bytes(file, "support_marks", 3, 4));
+    assert!(found.contains("`support_marks`, row 3: expected 0, 1, 2 or 3, found 4"), "{found}");
+    let found = complaint(&|file| {
+        let TensorData::F64(values) = &mut file.tensors.get_mut("predictive_errors").unwrap().data else {
+            panic!()
+        };
+        values[1] = 0.5;
+    });
+    assert!(found.contains("predictive_errors") && found.contains("factors ≥ 1"), "{found}");
 }

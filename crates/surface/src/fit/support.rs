@@ -1,0 +1,332 @@
+//! Which places of a surface its readings support.
+//!
+//! In: feet of readings on the surface. Out: the cells of a [`Support`](crate::model::Support). Each reading
+//! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ` readings
+//! per area. A place is supported if its nearest reading is within `h`, or if readings within `3 h` lie around
+//! it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one spacing beyond the
+//! last reading, and holes of more than a few spacings stay open.
+//!
+//! Two estimates of `h` are compared, and the larger one counts. The distance `d` to the eighth neighbour
+//! gives `d √(π/8)`. Scan lines are dense along the line only; their spacing is the radius within which
+//! neighbours lie on all sides.
+//!
+//! Feet are used instead of readings, so that noise across the surface does not enlarge the spacing.
+//!
+//! Not guaranteed: that scan lines are recognised whose spacing along the line is less than a twentieth of
+//! that between lines; places between such lines count as not observed.
+
+use crate::model::{MAX_SUPPORT_DEPTH, Observed, SupportCell, middles};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::DVec3;
+use planish_core::vector3::{as_arrays, tangents};
+use planish_estimate::{Error, Result};
+use planish_spline::Surface;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+use std::num::NonZero;
+
+/// Distance in spacings up to which a reading supports a place that has readings on other sides as well.
+const REACH: f64 = 3.0;
+/// Distance in spacings up to which a single reading supports a place.
+const REACH_ALONE: f64 = 1.0;
+/// The neighbour whose distance gives the spacing. Fewer neighbours make it noisy; more blur its changes.
+const SPACING_NEIGHBOUR: usize = 8;
+/// Neighbours searched for readings on all sides.
+const NEIGHBOURS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(23);
+/// Readings near a place that are examined. Within the reach are 28 of evenly spread readings.
+const CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(31);
+/// Readings whose spacing is computed; the others have that of the nearest of these. Spacing varies slowly.
+const MAX_SAMPLE: usize = 20_000;
+/// Radius within which evenly spread neighbours lie on all sides, in spacings (median of Poisson points).
+const ENCLOSING_RADIUS: f64 = 1.25;
+/// Smallest cosine between the normals of a place and a reading on the same side of a thin part.
+const SAME_SIDE: f64 = 0.3;
+/// Side in spacings of the bins by which a leaf full of readings is recognised. Of evenly spread readings,
+/// one bin in 55 is empty by chance.
+const BIN: f64 = 2.0;
+/// Divisions of an unobserved leaf, for the distance to the readings.
+const DEPTH_OF_DISTANCES: u8 = 2;
+
+/// Points of a surface with readings, and the spacing of these.
+pub(super) struct Supporters {
+    points: Vec<DVec3>,
+    normals: Vec<DVec3>,
+    spacing: Vec<f64>,
+    tree: ImmutableKdTree<f64, 3>,
+}
+
+impl Supporters {
+    /// From surface points with readings and the normals there; none without points.
+    ///
+    /// # Errors
+    /// `Undetermined` if the points cannot be searched.
+    pub(super) fn new(points: Vec<DVec3>, normals: Vec<DVec3>) -> Result<Option<Self>> {
+        if points.is_empty() {
+            return Ok(None);
+        }
+        let tree = search_tree(&points)?;
+        let sample: Vec<usize> = (0..points.len()).step_by(points.len().div_ceil(MAX_SAMPLE)).collect();
+        let places: Vec<DVec3> = sample.iter().map(|&k| points[k]).collect();
+        let of_sample: Vec<[f64; 2]> = (sample.par_iter().with_min_len(64))
+            .map(|&k| own_spacings(&tree, &points, points[k], normals[k]))
+            .collect();
+        let nearest = search_tree(&places)?;
+        // At the rim of the data and of holes, neighbours on all sides are far away. The median over a
+        // neighbourhood is that of the readings inside.
+        let smoothed: Vec<f64> = (places.par_iter().with_min_len(64).zip(&of_sample))
+            .map(|(p, own)| {
+                let near = nearest.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
+                let mut enclosing: Vec<f64> = near.iter().map(|n| of_sample[n.item as usize][1]).collect();
+                let middle = enclosing.len() / 2;
+                let median = *enclosing.select_nth_unstable_by(middle, f64::total_cmp).1;
+                own[0].max(median / ENCLOSING_RADIUS)
+            })
+            .collect();
+        let spacing = (points.par_iter().with_min_len(256))
+            .map(|p| {
+                let near = nearest.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
+                smoothed[near.item as usize]
+            })
+            .collect();
+        Ok(Some(Self { points, normals, spacing, tree }))
+    }
+
+    /// The median spacing.
+    pub(super) fn median_spacing(&self) -> f64 {
+        let mut spacing = self.spacing.clone();
+        let middle = spacing.len() / 2;
+        *spacing.select_nth_unstable_by(middle, f64::total_cmp).1
+    }
+
+    /// Distance of a place to the nearest reading, and the spacing of that reading.
+    pub(super) fn nearest(&self, p: DVec3) -> (f64, f64) {
+        let near = self.tree.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
+        (near.distance.sqrt(), self.spacing[near.item as usize])
+    }
+
+    /// Whether the readings support a place with the given normal.
+    fn support(&self, p: DVec3, normal: DVec3) -> bool {
+        let (e1, e2) = tangents(normal);
+        let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
+        let mut directions = Vec::with_capacity(near.len());
+        for found in near {
+            let k = found.item as usize;
+            let (distance, h) = (found.distance.sqrt(), self.spacing[k]);
+            if distance > REACH * h || self.normals[k].dot(normal) < SAME_SIDE {
+                continue;
+            }
+            if distance <= REACH_ALONE * h {
+                return true;
+            }
+            let to = self.points[k] - p;
+            directions.push(to.dot(e2).atan2(to.dot(e1)));
+        }
+        widest_gap(&mut directions) < PI
+    }
+}
+
+/// A search structure of points, of which there is at least one.
+///
+/// # Errors
+/// `Undetermined` if too many points agree in a coordinate.
+pub(super) fn search_tree(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
+    ImmutableKdTree::new_from_slice(as_arrays(points))
+        .map_err(|e| Error::undetermined(format!("the readings cannot be searched: {e:?}")))
+}
+
+/// The widest angle between neighbouring directions; 2π of fewer than two.
+fn widest_gap(directions: &mut [f64]) -> f64 {
+    directions.sort_unstable_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (directions.first(), directions.last()) else { return 2.0 * PI };
+    let across = first + 2.0 * PI - last;
+    directions.windows(2).map(|pair| pair[1] - pair[0]).fold(across, f64::max)
+}
+
+/// Spacing by the distance to a neighbour, and radius within which neighbours lie on all sides.
+fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, normal: DVec3) -> [f64; 2] {
+    let (e1, e2) = tangents(normal);
+    let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
+    // Readings at one place (several sensors, repeated touches) are no neighbours of each other.
+    let others: Vec<(f64, DVec3)> = (near.iter())
+        .filter(|n| n.distance > 0.0)
+        .map(|n| (n.distance.sqrt(), points[n.item as usize] - p))
+        .collect();
+    let Some(&(farthest, _)) = others.last() else { return [0.0; 2] };
+    let count = others.len().min(SPACING_NEIGHBOUR);
+    let spacing = others[count - 1].0 * (PI / count as f64).sqrt();
+    let mut directions = Vec::with_capacity(others.len());
+    let enclosing = others.iter().find_map(|(distance, to)| {
+        directions.push(to.dot(e2).atan2(to.dot(e1)));
+        (widest_gap(&mut directions) < PI).then_some(*distance)
+    });
+    [spacing, enclosing.unwrap_or(farthest)]
+}
+
+/// Where the readings of a leaf lie: a bit for each of 8 × 8 bins of its parameter square.
+pub(super) type Occupancy = u64;
+
+/// Divisions of the bins of an [`Occupancy`].
+pub(super) const OCCUPANCY_DEPTH: u8 = 3;
+
+/// The bit of a place in leaf-local coordinates.
+pub(super) fn occupancy_at(local: [f64; 2]) -> Occupancy {
+    let [i, j] = local.map(|x| ((8.0 * x).max(0.0) as u32).min(7));
+    1 << (8 * j + i)
+}
+
+/// Whether every one of `2ᵈ × 2ᵈ` bins has a reading.
+fn is_full(occupied: Occupancy, depth: u8) -> bool {
+    let width = 8_u32 >> depth;
+    let side = 1_u32 << depth;
+    (0..side * side).all(|bin| {
+        let [i, j] = [bin % side, bin / side].map(|c| c * width);
+        let row = ((1_u64 << width) - 1) << i;
+        (0..width).any(|r| occupied >> (8 * (j + r)) & row != 0)
+    })
+}
+
+/// The cells of every leaf, by the readings alone.
+///
+/// `occupied` holds the bins with readings of each leaf. `measured` are readings; `inferred` are readings
+/// inferred from others, if there are any.
+pub(super) fn supported_cells(
+    surface: &Surface,
+    occupied: &[Occupancy],
+    measured: &Supporters,
+    inferred: Option<&Supporters>,
+) -> Vec<(u8, Vec<SupportCell>)> {
+    (0..occupied.len())
+        .into_par_iter()
+        .with_min_len(16)
+        .map(|leaf| {
+            let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+            let side = surface.space().leaves()[leaf].side();
+            let length = side * jet.du.length().max(jet.dv.length());
+            let (distance, spacing) = measured.nearest(jet.point);
+            let divisions = |size: f64| (length / size.max(f64::MIN_POSITIVE)).log2();
+            let bins = (divisions(BIN * spacing).floor().max(1.0) as u8).min(OCCUPANCY_DEPTH);
+            if is_full(occupied[leaf], bins) {
+                return (0, vec![SupportCell { observed: Observed::Measured, distance: 0.0 }]);
+            }
+            let depth = (divisions(spacing).ceil().max(0.0) as u8).min(MAX_SUPPORT_DEPTH);
+            let is_near = occupied[leaf] != 0 || distance < length + REACH * spacing || inferred.is_some();
+            let depth = if is_near { depth } else { DEPTH_OF_DISTANCES.min(depth) };
+            let cell = |local: [f64; 2]| cell_at(surface, leaf, local, measured, inferred);
+            collapsed(depth, middles(depth).map(cell).collect())
+        })
+        .collect()
+}
+
+fn cell_at(
+    surface: &Surface,
+    leaf: usize,
+    local: [f64; 2],
+    measured: &Supporters,
+    inferred: Option<&Supporters>,
+) -> SupportCell {
+    let jet = surface.leaf_jet(leaf, local[0], local[1]);
+    let normal = jet.normal().unwrap_or(DVec3::Z);
+    if measured.support(jet.point, normal) {
+        return SupportCell { observed: Observed::Measured, distance: 0.0 };
+    }
+    let is_inferred = inferred.is_some_and(|inferred| inferred.support(jet.point, normal));
+    let observed = if is_inferred { Observed::Inferred } else { Observed::PriorOnly };
+    SupportCell { observed, distance: measured.nearest(jet.point).0 }
+}
+
+/// One cell instead of many if all are measured.
+pub(super) fn collapsed(depth: u8, cells: Vec<SupportCell>) -> (u8, Vec<SupportCell>) {
+    match cells.iter().all(|cell| cell.observed.is_measured()) {
+        true => (0, vec![SupportCell { observed: Observed::Measured, distance: 0.0 }]),
+        false => (depth, cells),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn on_plane(points: Vec<[f64; 2]>) -> Supporters {
+        let normals = vec![DVec3::Z; points.len()];
+        Supporters::new(points.iter().map(|p| DVec3::new(p[0], p[1], 0.0)).collect(), normals)
+            .unwrap()
+            .unwrap()
+    }
+
+    fn is_supported(by: &Supporters, x: f64, y: f64) -> bool {
+        by.support(DVec3::new(x, y, 0.0), DVec3::Z)
+    }
+
+    fn scattered(seed: u64, count: usize, hole: f64) -> Vec<[f64; 2]> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..count)
+            .map(|_| [rng.random::<f64>(), rng.random::<f64>()].map(|x| 100.0 * x - 50.0))
+            .filter(|p| p[0].hypot(p[1]) > hole)
+            .collect()
+    }
+
+    /// Spacing 1. Of places on a fine grid, the share that is supported, within a radius and outside of it.
+    #[test]
+    fn a_hole_of_ten_spacings_is_open_and_the_rest_is_supported() {
+        for seed in 0..5 {
+            let by = on_plane(scattered(seed, 10_000, 5.0));
+            let mut spacing = by.spacing.clone();
+            spacing.sort_unstable_by(f64::total_cmp);
+            let median = spacing[spacing.len() / 2];
+            assert!((median - 1.0).abs() < 0.1, "{median}");
+            let (mut inside, mut outside) = ([0, 0], [0, 0]);
+            for k in 0..10_000 {
+                let [x, y] = [k % 100, k / 100].map(|c| f64::from(c) * 0.6 - 30.0);
+                let radius = x.hypot(y);
+                let sum = if radius < 3.5 { &mut inside } else { &mut outside };
+                if !(3.5..6.0).contains(&radius) {
+                    sum[0] += 1;
+                    sum[1] += usize::from(is_supported(&by, x, y));
+                }
+            }
+            assert_eq!(inside[1], 0, "seed {seed}: {inside:?}");
+            assert!(outside[1] as f64 > 0.999 * outside[0] as f64, "seed {seed}: {outside:?}");
+        }
+    }
+
+    #[test]
+    fn places_between_scan_lines_are_supported_and_places_beyond_them_are_not() {
+        let lines =
+            (0..40).flat_map(|line| (0..400).map(move |k| [f64::from(k) * 0.25, f64::from(line) * 2.0]));
+        let by = on_plane(lines.collect());
+        for k in 0..30 {
+            let (x, y) = (10.0 + 2.7 * f64::from(k), 10.0 + 1.7 * f64::from(k));
+            assert!(is_supported(&by, x, y), "({x}, {y})");
+            assert!(!is_supported(&by, x, -8.0));
+        }
+    }
+
+    #[test]
+    fn sparse_readings_support_places_by_their_own_spacing() {
+        let mut points = scattered(3, 400, 0.0);
+        // A dense spot does not make the sparse readings around it worthless, nor does it reach farther.
+        points.extend(scattered(4, 2000, 0.0).iter().map(|p| p.map(|x| 0.05 * x + 200.0)));
+        let by = on_plane(points);
+        assert!((0..40).all(|k| is_supported(&by, f64::from(k) - 20.0, 5.0)));
+        assert!(is_supported(&by, 200.0, 200.0) && !is_supported(&by, 204.0, 200.0));
+    }
+
+    #[test]
+    fn the_other_side_of_a_thin_plate_is_not_supported() {
+        let by = on_plane(scattered(5, 10_000, 0.0));
+        assert!(by.support(DVec3::new(0.0, 0.0, 0.2), DVec3::Z));
+        assert!(!by.support(DVec3::new(0.0, 0.0, -0.2), DVec3::Z.map(|c| -c)));
+    }
+
+    #[test]
+    fn a_leaf_is_full_only_if_every_bin_is() {
+        let all =
+            (0..64).fold(0, |sum, k| sum | occupancy_at([k % 8, k / 8].map(|c| (f64::from(c) + 0.5) / 8.0)));
+        assert_eq!(all, u64::MAX);
+        let without = all & !occupancy_at([0.99, 0.01]);
+        assert!(!is_full(without, 3) && is_full(without, 2) && is_full(without, 0));
+        assert!(!is_full(0, 0) && !is_full(occupancy_at([0.1, 0.1]), 1));
+    }
+}
