@@ -190,7 +190,7 @@ pub(super) fn finish(
     let unresolved = UnresolvedShape::from_leaves(&left, &leaf_areas(&model.surface));
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
     model.excess_variance = this.excess_variance(&model.surface, left, &shared);
-    this.add_support(&mut model)?;
+    this.add_support(&mut model, &verdict.misfit.feet)?;
 
     let judged = Judged {
         model: &model,

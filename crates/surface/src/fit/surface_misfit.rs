@@ -58,10 +58,13 @@ pub(super) struct SurfaceMisfit {
     pub area_fraction: f64,
     /// Places, largest first.
     pub places: Vec<UnresolvedPlace>,
+    /// Leaf and place in it of the feet of the readings that are not followed.
+    pub feet: Vec<(usize, [f64; 2])>,
 }
 
 /// A reading that is judged.
 struct JudgedReading {
+    foot: (usize, [f64; 2]),
     point: DVec3,
     /// Distance from the surface, and whether noise cannot explain it.
     distance: f64,
@@ -127,7 +130,8 @@ pub(super) fn surface_misfit(
         })
         .collect();
     places.sort_by(|a, b| b.area_fraction.total_cmp(&a.area_fraction));
-    Ok(SurfaceMisfit { area_fraction: lost / total, places })
+    let feet = clusters.iter().flatten().map(|&i| judged[i].foot).collect();
+    Ok(SurfaceMisfit { area_fraction: lost / total, places, feet })
 }
 
 /// The positions that are judged, with their distances.
@@ -145,6 +149,7 @@ fn judged_readings(readings: ProjectedReadings<'_>, gate: f64) -> Vec<JudgedRead
             }
             let variance = bounds[observations.channel(i)] * foot.variance;
             Some(JudgedReading {
+                foot: (foot.leaf as usize, foot.local),
                 point: observations.readings.points[i],
                 distance: foot.height().abs(),
                 beyond_noise: foot.height().abs() > gate * variance.sqrt(),

@@ -10,13 +10,26 @@ use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_spline::Surface;
 
+/// Half side of the square around the foot of a reading that is not followed, as a share of the leaf: about
+/// the side of a cell of marks.
+const NOT_FOLLOWED_AROUND: f64 = 0.125;
+
 impl Finishing<'_> {
-    /// Adds to a model how each of its places is known, and the errors of those without readings.
+    /// Adds to a model how each of its places is known, and the errors of those without readings. At the
+    /// given places of leaves, the surface does not follow its readings.
     ///
     /// # Errors
     /// See [`Finishing::predictive_sigma`].
-    pub(super) fn add_support(&self, model: &mut SurfaceModel) -> Result<()> {
-        let (support, measured) = self.support(model)?;
+    pub(super) fn add_support(
+        &self,
+        model: &mut SurfaceModel,
+        not_followed: &[(usize, [f64; 2])],
+    ) -> Result<()> {
+        let (mut support, measured) = self.support(model)?;
+        for &(leaf, local) in not_followed {
+            let box_around = [-1.0, 1.0].map(|side| local.map(|x| x + side * NOT_FOLLOWED_AROUND));
+            support.set_not_followed(leaf, box_around);
+        }
         model.observed =
             (0..model.surface.space().leaves().len()).map(|leaf| support.of_leaf(leaf)).collect();
         model.support = support;
@@ -58,9 +71,12 @@ impl Finishing<'_> {
         Ok((support, Some(measured)))
     }
 
-    /// True if foot `k` belongs to a position that takes part.
+    /// True if foot `k` belongs to a position that takes part, on a surface with its neighbours: gross errors
+    /// support no surface that follows them.
     pub(super) fn supports(&self, k: usize) -> bool {
-        self.information[k] > 0.0 && self.feet[k].quantity == Quantity::Position
+        self.information[k] > 0.0
+            && self.feet[k].quantity == Quantity::Position
+            && self.observations.readings.on_surface[self.subset[k] as usize]
     }
 
     /// Feet of positions that take part and count, and the surface's normals there.
