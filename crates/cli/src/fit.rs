@@ -126,6 +126,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
         value_name(args.refine_by.to_possible_value())
             .filter(|_| RefineBy::from(args.refine_by) != defaults.refine_by),
     );
+    option("--force", args.force.then(String::new));
     option("--gate", differs(args.gate, defaults.gate));
     option("--held-out", differs(args.held_out, defaults.held_out_share));
     option("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned()));

@@ -21,6 +21,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::Epsilon => "--epsilon",
         Setting::EstimateSigma => "--estimate-sigma",
         Setting::Filter => "--filter",
+        Setting::Force => "--force",
         Setting::Gap => "--gap",
         Setting::Given => "--given",
         Setting::Graphs => "--graphs",

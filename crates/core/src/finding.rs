@@ -100,10 +100,16 @@ codes! {
     PatchErrorsCorrelated = "patch-errors-correlated", Warning:
         "Residuals in some patches are correlated at the maximum depth.",
     SurfaceFolded = "surface-folded", Warning: "σ is smaller than all readings allow: the surface is folded.",
+    SurfaceMisfit = "surface-misfit", Warning:
+        "The surface does not follow its readings in some places, which are marked.",
+    SurfaceRefused = "surface-refused", Error:
+        "The surface does not follow much of its readings; the result was forced.",
     MostlyUnmeasured = "mostly-unmeasured", Warning: "Less than half of the surface was measured.",
     ManyRejected = "many-rejected", Warning: "More than a tenth of the readings was rejected.",
     NormalsMismatch = "normals-mismatch", Warning:
         "The normals of many readings disagree with the surface near them.",
+    NormalsUnreliable = "normals-unreliable", Warning:
+        "Stated normals of a scan contradict its neighbouring readings and were estimated instead.",
     PointsNotFinite = "points-not-finite", Warning:
         "Points have coordinates that are not finite; they are ignored.",
     PointsUnclassified = "points-unclassified", Warning:

@@ -42,6 +42,7 @@ settings! {
     Epsilon = "epsilon": "Largest distance of overlapping patches.",
     EstimateSigma = "estimate_sigma": "Lower a stated σ to that of the residuals.",
     Filter = "filter": "How readings are fused.",
+    Force = "force": "Keep a result that would be refused.",
     Gap = "gap": "Distance that separates parts of the readings.",
     Given = "given": "Constraints that are known.",
     Graphs = "graphs": "Files of constraint graphs.",

@@ -31,6 +31,7 @@
 //! assert!(p.length() < 1e-12);
 //! ```
 
+mod consensus;
 mod depth_camera;
 mod edges;
 mod ground;
@@ -47,6 +48,7 @@ mod stereo_camera;
 pub mod stripes;
 mod view_sensor;
 
+pub use consensus::{MIN_FOR_CONSENSUS, Neighbourhoods, SurfaceConsensus, surface_consensus};
 pub use depth_camera::DepthCamera;
 pub use edges::{EdgeOptions, EdgePoint, edge_points};
 pub use ground::{Ground, GroundOptions, classify_ground};

@@ -19,6 +19,7 @@ mod bending;
 mod bending_energy;
 mod bending_report;
 mod division;
+mod enclosed;
 mod finish;
 mod first;
 mod formation;
@@ -41,8 +42,10 @@ mod report;
 mod residual_sample;
 mod shared_errors;
 mod smoothing;
+mod surface_misfit;
 mod unresolved_shape;
 mod update;
+mod verdict;
 mod weights;
 
 pub use crate::model::SigmaSummary;
@@ -58,7 +61,9 @@ use planish_core::Setting;
 pub use propagation::PropagationReport;
 pub use report::{FitReport, FitTermination, HeldOut};
 pub use residual_sample::{ResidualSample, ScanSummary};
+pub use surface_misfit::UnresolvedPlace;
 pub use unresolved_shape::UnresolvedShape;
+pub use verdict::FitVerdict;
 
 use crate::model::{Knowledge, NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::observe::ScanErrors;

@@ -136,6 +136,13 @@ pub struct FitArgs {
     /// Use this option for a sensor whose errors are independent and whose σ is stated too large.
     #[arg(long, help_heading = "Readings", hide_short_help = true)]
     pub estimate_sigma: bool,
+    /// Write a result even if the surface does not follow much of the readings
+    ///
+    /// A fit is refused if more than 5 % of the measured area is not followed, as with a hole through the
+    /// object or several bodies. With this option the result is written; such places have the mark 3 in the
+    /// column `observed`.
+    #[arg(long, help_heading = "Readings", hide_short_help = true, conflicts_with_all = ["update", "known_uv"])]
+    pub force: bool,
     /// Share of the readings that is held out to validate the fit, from 0 to below 0.9
     #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = held_out,
           allow_negative_numbers = true, help_heading = "Readings", hide_short_help = true)]

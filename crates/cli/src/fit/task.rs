@@ -39,6 +39,7 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
         gate: args.gate,
         estimate_sigma: args.estimate_sigma,
         held_out_share: args.held_out,
+        force: args.force,
         seed: args.common.seed,
         ..FitOptions::default()
     }))

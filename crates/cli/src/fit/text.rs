@@ -7,7 +7,7 @@ use planish::FindingCode;
 use planish::Unit;
 use planish::animation::AnimationReport;
 use planish::complete::{GapReport, SymmetryReport};
-use planish::fit::{BendingReport, Filter, FitReport, FitTermination};
+use planish::fit::{BendingReport, Filter, FitReport, FitTermination, FitVerdict};
 use planish::fit_files::FitJobReport;
 use planish::output::{OutputFormat, WrittenFile};
 
@@ -127,6 +127,15 @@ fn subdivided(fit: &FitReport) -> String {
 
 /// The reason why the fit ended.
 fn termination(fit: &FitReport) -> &'static str {
+    match (fit.verdict, fit.termination) {
+        (FitVerdict::Refused, _) => "kept by --force: the surface does not follow much of its readings",
+        (FitVerdict::Unresolved, _) => "the surface does not follow its readings everywhere",
+        _ => limit_or_noise(fit),
+    }
+}
+
+/// The reason why a fit ended whose surface follows its readings.
+fn limit_or_noise(fit: &FitReport) -> &'static str {
     match fit.termination {
         // The job has judged the number of rejected readings; a second threshold here could disagree with its
         // warning.

@@ -3,7 +3,7 @@
 use crate::report::words::SmallUnit;
 use planish_core::{Finding, FindingCode, Setting};
 use planish_report::numbers::{counted, percent, significant};
-use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
+use planish_surface::fit::{Fit, FitReport, FitTermination, FitVerdict, ScanSummary};
 
 /// Maximum rms of a scan's residuals, in σ. A common σ of several scans is right only on average, so some
 /// excess is normal. This and the following limits are stated in `docs/reports.md`.
@@ -27,7 +27,7 @@ pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
     let share = share_rejected(scans);
     let mut found: Vec<Finding> = scans.iter().filter_map(|scan| misfit(scan, share, unit)).collect();
     found.extend(held_out(report));
-    if report.termination == FitTermination::Converged {
+    if report.termination == FitTermination::Converged && report.verdict == FitVerdict::Converged {
         let text = "the fit converged: only noise remains in the residuals";
         found.push(Finding::new(FindingCode::Converged, text));
     }

@@ -29,6 +29,7 @@ use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
 use super::shared_errors::shared_variance;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
+use super::verdict::{Verdict, VerdictInput, judge_surface};
 use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
@@ -143,9 +144,12 @@ pub(super) fn finish(
     };
     // A later session may measure parts far from the model, so only a first fit is refused for far
     // readings.
-    if earlier.is_none() {
+    let verdict = if earlier.is_none() {
         this.refuse_minority_surface()?;
-    }
+        this.verdict(&surface)?
+    } else {
+        Verdict::default()
+    };
     let own_data = match filtered {
         // Beliefs of single patches are no information of the whole.
         Some(_) => system.zero_information()?,
@@ -199,6 +203,7 @@ pub(super) fn finish(
             .sum::<f64>(),
         observed: this.observed(&model),
         unresolved,
+        verdict: &verdict,
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
@@ -225,6 +230,7 @@ struct Judged<'a> {
     observed: Vec<Observed>,
     /// The unresolved shape of the leaves, without the errors that readings share.
     unresolved: Option<UnresolvedShape>,
+    verdict: &'a Verdict,
     ending: Ending,
 }
 
@@ -301,6 +307,7 @@ impl Finishing<'_> {
                 reached_limit: ending.reached_limit,
             },
         );
+        findings.extend(fit.verdict.finding.clone());
         let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {
@@ -322,6 +329,9 @@ impl Finishing<'_> {
             sigma,
             unresolved_shape: unresolved,
             observed_area_fraction,
+            verdict: fit.verdict.verdict,
+            unresolved_area_fraction: fit.verdict.misfit.area_fraction,
+            unresolved_places: fit.verdict.listed_places(),
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,
@@ -358,6 +368,15 @@ impl Finishing<'_> {
             .with_setting(Setting::MaxCoefficients));
         }
         Ok(())
+    }
+
+    /// Judges whether the surface follows its readings. What lies on the ground is not followed on purpose.
+    fn verdict(&self, surface: &planish_spline::Surface) -> Result<Verdict> {
+        if self.options.ground().is_some() {
+            return Ok(Verdict::default());
+        }
+        let FitOptions { gate, force, .. } = *self.options;
+        judge_surface(surface, self.readings(), VerdictInput { gate, force, origin: self.origin })
     }
 
     /// What is known about the vertices, before the poses and biases of scans.

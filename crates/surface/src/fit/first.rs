@@ -23,6 +23,8 @@ use std::sync::Arc;
 const BASE_CELLS: usize = 128;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
+/// With fewer readings on a surface, all readings choose the shape.
+const MIN_SHAPE_SAMPLE: usize = 10;
 /// A ball grows no leaves that would hold fewer readings than this on average: emptier ones would follow
 /// the indicator's noise. See decision 0007.
 const READINGS_PER_GROWN_LEAF: usize = 6;
@@ -41,8 +43,9 @@ pub(super) fn first_surface(
     multiple: usize,
     progress: &dyn Progress,
 ) -> Result<Surface> {
-    let size = observations.len();
     let sample = shape_sample(&observations.readings);
+    let size = sample.count;
+    let sample = sample.readings;
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // In a small cloud, more cells would hold fewer than six readings each.
@@ -76,14 +79,27 @@ pub(super) fn first_surface(
 /// # Errors
 /// `Undetermined` if the readings determine no shape.
 pub(super) fn base_shape(readings: &ReadingColumns, shape: Option<Shape>) -> Result<BaseShape> {
-    let (points, normals) = positions_and_normals(readings, &shape_sample(readings));
+    let (points, normals) = positions_and_normals(readings, &shape_sample(readings).readings);
     choose_base_shape(&points, &normals, shape)
 }
 
-/// A sample of the readings that is large enough to find the shape.
-fn shape_sample(readings: &ReadingColumns) -> Vec<u32> {
-    let size = readings.len();
-    (0..size as u32).step_by(size.div_ceil(SHAPE_SAMPLE).max(1)).collect()
+/// Readings from which the shape is found.
+struct ShapeSample {
+    readings: Vec<u32>,
+    /// Number of readings that the sample was drawn from.
+    count: usize,
+}
+
+/// A sample of the readings that is large enough to find the shape, without those that lie on no surface with
+/// their neighbours and those held out, unless no others are left.
+fn shape_sample(readings: &ReadingColumns) -> ShapeSample {
+    let usable = |i: &u32| readings.on_surface[*i as usize] && !readings.held_out[*i as usize];
+    let mut all: Vec<u32> = (0..readings.len() as u32).filter(usable).collect();
+    if all.len() < MIN_SHAPE_SAMPLE {
+        all = (0..readings.len() as u32).collect();
+    }
+    let count = all.len();
+    ShapeSample { readings: all.into_iter().step_by(count.div_ceil(SHAPE_SAMPLE).max(1)).collect(), count }
 }
 
 /// Positions and normals of the readings in `sample`.

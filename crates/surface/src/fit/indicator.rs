@@ -162,6 +162,11 @@ impl BlurredIndicator {
         (value, 1.0 / self.grid.cell * DVec3::new(gx, gy, high[0] - low[0]))
     }
 
+    /// The values at all grid points, x fastest, and their number along each side.
+    pub(super) fn grid_values(&self) -> (&[f64], usize) {
+        (&self.values, self.grid.cells)
+    }
+
     /// Median slope of the indicator at the points.
     pub(super) fn steepness(&self, points: &[DVec3]) -> f64 {
         let mut slopes: Vec<f64> = points.iter().map(|p| self.sample(*p).1.length()).collect();

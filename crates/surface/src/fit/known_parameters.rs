@@ -418,6 +418,9 @@ impl Solved {
             observed_area_fraction: observed_share,
             // Unresolved shape is a finding here, because it is known for the grid as a whole only.
             unresolved_shape: None,
+            verdict: super::FitVerdict::Converged,
+            unresolved_area_fraction: 0.0,
+            unresolved_places: Vec::new(),
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,

@@ -51,6 +51,8 @@ pub struct FitOptions {
     pub estimate_sigma: bool,
     /// Share of the readings held out to judge the fit (default 0.1).
     pub held_out_share: f64,
+    /// Keep a surface that does not follow much of its readings instead of refusing it (default: no).
+    pub force: bool,
     /// Seed of every random choice (default 0).
     pub seed: u64,
     /// Checks of each scan.
@@ -209,6 +211,7 @@ impl Default for FitOptions {
             gate: 4.0,
             estimate_sigma: false,
             held_out_share: 0.1,
+            force: false,
             seed: 0,
             checks: ScanChecks::default(),
         }

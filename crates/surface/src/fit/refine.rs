@@ -124,8 +124,10 @@ impl ConvergedFit {
 struct Refinement<'a> {
     observations: &'a mut Observations,
     options: &'a FitOptions,
-    /// The readings that take part.
+    /// The readings that take part, and those of them that look for the shape: on a surface with their
+    /// neighbours.
     subset: Vec<u32>,
+    searching: Vec<u32>,
     surface: Surface,
     /// Parameters of every observation; not a number where none has been searched yet.
     at: Vec<[f64; 2]>,
@@ -173,6 +175,7 @@ pub(super) fn refine_to_noise(
     let mut refined = growth_log(surface.space(), 1);
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     let mut is_last = false;
+    let searching = searching_readings(observations, &subset);
     let mut state = Refinement {
         // NaN marks readings that were not searched for: samples of different rounds overlap only in part.
         at: vec![[f64::NAN; 2]; observations.len()],
@@ -180,6 +183,7 @@ pub(super) fn refine_to_noise(
         observations,
         options,
         subset,
+        searching,
         surface,
         weight: None,
         area: None,
@@ -234,7 +238,7 @@ impl Refinement<'_> {
             return self.subset.clone();
         }
         let wanted = (SAMPLE_PER_LEAF * self.surface.space().leaves().len()).max(MIN_SAMPLE);
-        self.subset.iter().copied().step_by((self.subset.len() / wanted).max(1)).collect()
+        self.searching.iter().copied().step_by((self.searching.len() / wanted).max(1)).collect()
     }
 
     /// Searches for the parameters of new readings, with their normals.
@@ -435,6 +439,13 @@ impl Refinement<'_> {
             kind: ConvergedKind::AlongNormals,
         })
     }
+}
+
+/// The readings that lie on a surface with their neighbours; all of them if none does.
+fn searching_readings(observations: &Observations, subset: &[u32]) -> Vec<u32> {
+    let on: Vec<u32> =
+        subset.iter().copied().filter(|&i| observations.readings.on_surface[i as usize]).collect();
+    if on.is_empty() { subset.to_vec() } else { on }
 }
 
 /// How far one iteration moved the surface.

@@ -1,6 +1,8 @@
 //! The figures of a fit.
 
+use super::surface_misfit::UnresolvedPlace;
 use super::unresolved_shape::UnresolvedShape;
+use super::verdict::FitVerdict;
 use super::{Filter, PropagationReport};
 use crate::model::{ScanPoseReport, SensorReport, SigmaSummary};
 use crate::observe::RejectionCause;
@@ -66,6 +68,13 @@ pub struct FitReport {
     pub unresolved_shape: Option<UnresolvedShape>,
     /// Share of the surface's area that was measured.
     pub observed_area_fraction: f64,
+    /// Whether the surface follows its readings.
+    pub verdict: FitVerdict,
+    /// Share of the measured area on which it does not.
+    pub unresolved_area_fraction: f64,
+    /// The places where it does not, largest first; at most 20.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unresolved_places: Vec<UnresolvedPlace>,
     /// Weight of the thin-plate energy, by marginal likelihood.
     pub smoothness_weight: f64,
     /// What was completed from measurements elsewhere, if that was asked for.

@@ -102,7 +102,13 @@ pub(super) fn unresolved_shape(
     let of_leaf = |leaf: usize| -> Result<Shared> {
         let near = || {
             let own = order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize);
-            own.filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
+            // Gross errors near each other would count as shape.
+            own.filter(|&k| {
+                let foot = &feet[k];
+                foot.state == FootState::Good
+                    && foot.quantity == Quantity::Position
+                    && channels.observations.readings.on_surface[channels.subset[k] as usize]
+            })
         };
         let (mut inside, mut outside) = (0_usize, 0_usize);
         for k in near() {

@@ -6,10 +6,12 @@
 //! |---|---|
 //! | columns | what readings, scans and the intake consist of |
 //! | intake | from scans to observations: checks, duplicates, held-out readings |
+//! | consensus | readings that lie on a surface with their neighbours; checks of stated normals |
 //! | normals | missing normals, orientation, ground |
 //! | directions | normals and curvatures as readings of their own |
 
 mod columns;
+mod consensus;
 mod directions;
 mod intake;
 mod normals;
@@ -120,6 +122,7 @@ impl Observations {
                 held_out: false,
                 index,
                 oriented: true,
+                on_surface: true,
             });
         }
     }

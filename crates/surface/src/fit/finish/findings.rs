@@ -87,6 +87,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
         findings.extend(unused_biases(set));
     }
     findings.extend(observations.duplicate_scan_findings(set));
+    findings.extend(observations.normal_findings(set));
     findings
 }
 

@@ -1,6 +1,7 @@
 //! The columns of [`Observations`](super::Observations), grouped by what they have one entry for.
 
 use super::InferredVariance;
+use super::consensus::UnreliableNormals;
 use crate::observe::RejectionCause;
 use planish_core::{DVec3, SymmetricMatrix3, Vec3};
 use planish_sense::{Noise, Viewing};
@@ -19,6 +20,9 @@ pub struct ReadingColumns {
     pub scan: Vec<u32>,
     /// True if the reading is held out of the fit to judge it.
     pub held_out: Vec<bool>,
+    /// False for a reading that lies on no surface with its neighbours: probably a gross error. It takes no
+    /// part in the search for the shape, but in the last round like any other.
+    pub on_surface: Vec<bool>,
     /// Index of the reading among the scan's kept readings.
     pub(super) index: Vec<u32>,
     /// True if the sign of the normal is known, from the scan or its viewpoint.
@@ -36,6 +40,7 @@ pub(super) struct ReadingRow {
     pub held_out: bool,
     pub index: u32,
     pub oriented: bool,
+    pub on_surface: bool,
 }
 
 impl ReadingColumns {
@@ -66,6 +71,7 @@ impl ReadingColumns {
             held_out: self.held_out[i],
             index: self.index[i],
             oriented: self.oriented[i],
+            on_surface: self.on_surface[i],
         }
     }
 
@@ -76,6 +82,7 @@ impl ReadingColumns {
         self.held_out.push(row.held_out);
         self.index.push(row.index);
         self.oriented.push(row.oriented);
+        self.on_surface.push(row.on_surface);
     }
 
     /// Removes the marked readings.
@@ -90,6 +97,7 @@ impl ReadingColumns {
         keep(&mut self.index, dropped);
         keep(&mut self.held_out, dropped);
         keep(&mut self.oriented, dropped);
+        keep(&mut self.on_surface, dropped);
         // Sources are kept only if some scan measures normals or curvatures.
         if !self.source.is_empty() {
             keep(&mut self.source, dropped);
@@ -136,4 +144,6 @@ pub struct IntakeFigures {
     pub ground: bool,
     /// Pairs of scans of which the second repeats readings of the first.
     pub(super) copies: BTreeSet<(u32, u32)>,
+    /// Scans whose stated normals contradict their neighbours.
+    pub(super) unreliable_normals: Vec<(u32, UnreliableNormals)>,
 }

@@ -103,6 +103,7 @@ impl Observations {
             made.keep_ground(scans, ground)?;
         }
         if !options.unprocessed {
+            made.find_surface(scans, sensors)?;
             let touched = |sensor: usize| sensors[sensor].kind == SensorKind::Touch;
             made.complete_normals(options.checks.neighbours, !options.sheet, touched)?;
             if options.sheet {
@@ -149,6 +150,7 @@ impl Observations {
                     && hash01(options.seed, s as u64, i as u64) < options.held_out_share,
                 index: kept,
                 oriented: known && geometry.is_some_and(|g| g.oriented),
+                on_surface: true,
             });
             if let Some(all) = &scan.covariance {
                 covariances.push(all[i].rotated(&scan.world_from_scanner.rotation));

@@ -46,7 +46,8 @@ impl Observations {
                 }
             }
             for i in (0..self.len()).filter(|&i| !dropped[i]) {
-                if unknown(self, i) {
+                // Neighbours of a reading off the surface show no normal of its own.
+                if unknown(self, i) && self.readings.on_surface[i] {
                     self.readings.normals[i] = cloud.normals[i].as_vec3();
                 }
             }
@@ -56,9 +57,24 @@ impl Observations {
             return Ok(());
         }
         // Normals of known side keep it, and pass it on to their neighbours.
-        let mut normals: Vec<DVec3> = (0..self.len()).map(|i| self.normal(i)).collect();
-        orient_normals(&self.readings.points, &mut normals, &self.readings.oriented, neighbours)?;
-        self.readings.normals = normals.iter().map(|n| n.as_vec3()).collect();
+        // Gross errors would pass on wrong sides, so only readings on the surface take part.
+        let on: Vec<usize> = (0..self.len()).filter(|&i| self.readings.on_surface[i]).collect();
+        if on.len() < 3 {
+            return Ok(());
+        }
+        let points: Vec<DVec3> = on.iter().map(|&i| self.readings.points[i]).collect();
+        let oriented: Vec<bool> = on.iter().map(|&i| self.readings.oriented[i]).collect();
+        let mut normals: Vec<DVec3> = on.iter().map(|&i| self.normal(i)).collect();
+        orient_normals(&points, &mut normals, &oriented, neighbours)?;
+        for (&i, normal) in on.iter().zip(&normals) {
+            self.readings.normals[i] = normal.as_vec3();
+        }
+        // The side of other readings stays open, so their normals select none.
+        for i in 0..self.len() {
+            if !self.readings.on_surface[i] && !self.readings.oriented[i] {
+                self.readings.normals[i] = Vec3::ZERO;
+            }
+        }
         Ok(())
     }
 

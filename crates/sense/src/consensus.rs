@@ -1,0 +1,432 @@
+//! Which points lie on a surface that their neighbours agree on, before any surface is fitted.
+//!
+//! In: points, of which up to nearly half may be gross errors. Out: for each point a mark, and the plane of
+//! the surface near it. A fit chooses its shape from marked points only.
+//!
+//! Around each of a set of *reference points* a plane is fitted to the nearest others by least median of
+//! squares: the median of the absolute residuals is the smallest of many planes through three neighbours
+//! (Rousseeuw 1984, *Least median of squares regression*, JASA 79). Up to half of the neighbours may be
+//! wrong. The plane is flat enough to count if its scatter is small against the radius of the
+//! neighbourhood; neighbours in a volume of gross errors have no such plane. A point is on a surface if
+//! planes of references near it pass within [`GATE`] scatters of it.
+//!
+//! Where the noise is larger than the spacing, no neighbourhood is flat. References are then thinned until
+//! the typical neighbourhood is.
+//!
+//! Not guaranteed: parts thinner than a neighbourhood, wires for example, have no flat plane and are not
+//! marked. A cluster of gross errors that itself forms a surface is marked.
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::random::SplitMix64;
+use planish_core::vector3::as_arrays;
+use planish_core::{DVec3, SymmetricMatrix3};
+use planish_estimate::{Error, Result};
+use rayon::prelude::*;
+use std::num::NonZero;
+
+/// Smallest cloud with a consensus: below it, neighbourhoods span the object.
+pub const MIN_FOR_CONSENSUS: usize = 100;
+/// Most reference points. More would only take longer: each stands for the readings around it.
+const MAX_REFERENCES: usize = 40_000;
+/// Fewest reference points after thinning.
+const MIN_REFERENCES: usize = 400;
+/// Neighbours of a plane; in small clouds a share of the points, at least the minimum.
+const NEIGHBOURS: usize = 28;
+const MIN_NEIGHBOURS: usize = 12;
+const NEIGHBOURS_SHARE: usize = 16;
+/// Planes through three neighbours that are tried. With 45 % of gross errors among the neighbours, all of 24
+/// contain one with a probability of 1 %.
+const TRIED_PLANES: usize = 24;
+/// Largest scatter over radius of a plane that counts. Points that fill a ball evenly have about 0.4.
+const MAX_FLATNESS: f64 = 0.27;
+/// A plane counts only if its scatter is at most this many times that of the more even half of the planes,
+/// or this share of its radius. Gross errors in a volume can be flat by chance, but not as flat as a surface;
+/// sparse parts of a curved surface are.
+const MAX_TYPICAL_SCATTERS: f64 = 8.0;
+const EVENLY_FLAT: f64 = 0.04;
+/// References are thinned while the scatter over radius of the flattest third is above this value.
+const THINNING_FLATNESS: f64 = 0.1;
+/// A plane passes a point within this many scatters. A smaller gate loses readings in the tails of the
+/// noise, a larger one takes gross errors along.
+const GATE: f64 = 3.5;
+/// References that are asked about a point, and how many planes have to pass it.
+const ASKED: usize = 6;
+const MIN_VOTES: usize = 2;
+/// σ of a normal distribution over its median absolute deviation.
+const MAD_TO_SIGMA: f64 = 1.4826;
+
+/// What the neighbours of each point of a cloud agree on.
+#[derive(Debug, Clone, Default)]
+pub struct SurfaceConsensus {
+    /// True for points on a surface that their neighbours agree on.
+    pub on_surface: Vec<bool>,
+    /// Unit normal of the plane near each point, with arbitrary sign; zero for other points.
+    pub normals: Vec<DVec3>,
+}
+
+/// The plane of a reference point.
+#[derive(Clone, Copy)]
+struct Plane {
+    middle: DVec3,
+    /// Zero if the neighbours have no flat plane.
+    normal: DVec3,
+    scatter: f64,
+    /// Distance of the farthest neighbour.
+    radius: f64,
+}
+
+/// Finds the points that lie on a surface with their neighbours; none for clouds of fewer than
+/// [`MIN_FOR_CONSENSUS`] points, whose neighbourhoods span the object.
+///
+/// Cost: one tree of at most 40,000 points, a robust plane for each of them, and one query for each point,
+/// in parallel.
+///
+/// # Errors
+/// `Undetermined` if the points cannot be searched, as too many at one position.
+///
+/// # Examples
+/// ```
+/// use planish_core::DVec3;
+/// use planish_sense::surface_consensus;
+/// // A plate of 400 points, and 100 points far above it.
+/// let plate = (0..400).map(|k| DVec3::new(f64::from(k % 20), f64::from(k / 20), 0.0));
+/// let errors = (0..100).map(|k| DVec3::new(f64::from(k * 7 % 20), f64::from(k / 5), f64::from(5 + k * 13 % 31)));
+/// let points: Vec<DVec3> = plate.chain(errors).collect();
+/// let found = surface_consensus(&points)?.expect("enough points");
+/// assert!(found.on_surface[..400].iter().all(|on| *on));
+/// assert!(found.on_surface[400..].iter().filter(|on| **on).count() < 5);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub fn surface_consensus(points: &[DVec3]) -> Result<Option<SurfaceConsensus>> {
+    if points.len() < MIN_FOR_CONSENSUS {
+        return Ok(None);
+    }
+    let references = References::new(points)?;
+    let found: Vec<(bool, DVec3)> =
+        points.par_iter().with_min_len(256).map(|p| references.judge(*p)).collect();
+    let (on_surface, normals) = found.into_iter().unzip();
+    Ok(Some(SurfaceConsensus { on_surface, normals }))
+}
+
+/// The reference points with their planes.
+struct References {
+    tree: ImmutableKdTree<f64, 3>,
+    planes: Vec<Plane>,
+}
+
+impl References {
+    fn new(points: &[DVec3]) -> Result<Self> {
+        let mut wanted = points.len().min(MAX_REFERENCES);
+        let mut best: Option<(f64, Vec<DVec3>)> = None;
+        loop {
+            let chosen = thinned(points, wanted);
+            let flatness = typical_flatness(&chosen)?;
+            let improved = best.as_ref().is_none_or(|(before, _)| flatness < *before);
+            if improved {
+                best = Some((flatness, chosen));
+            }
+            if flatness <= THINNING_FLATNESS || wanted / 4 < MIN_REFERENCES {
+                break;
+            }
+            wanted /= 4;
+        }
+        let chosen = best.map(|(_, chosen)| chosen).unwrap_or_default();
+        let tree = tree_of(&chosen)?;
+        let mut planes: Vec<Plane> = (0..chosen.len())
+            .into_par_iter()
+            .with_min_len(128)
+            .map(|i| plane_around(&chosen, &tree, i))
+            .collect();
+        let mut scatters: Vec<f64> =
+            planes.iter().filter(|p| p.normal != DVec3::ZERO).map(|p| p.scatter).collect();
+        if !scatters.is_empty() {
+            let quarter = scatters.len() / 4;
+            let typical = *scatters.select_nth_unstable_by(quarter, f64::total_cmp).1;
+            for plane in &mut planes {
+                if plane.scatter > (MAX_TYPICAL_SCATTERS * typical).max(EVENLY_FLAT * plane.radius) {
+                    plane.normal = DVec3::ZERO;
+                }
+            }
+        }
+        Ok(Self { tree, planes })
+    }
+
+    /// Whether a point is on a surface, and the normal there.
+    fn judge(&self, p: DVec3) -> (bool, DVec3) {
+        let asked = NonZero::new(ASKED.min(self.planes.len())).unwrap_or(NonZero::<usize>::MIN);
+        let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
+        let (mut votes, mut best, mut normal) = (0, f64::MAX, DVec3::ZERO);
+        for neighbour in near {
+            let plane = &self.planes[neighbour.item as usize];
+            let d = p - plane.middle;
+            if plane.normal == DVec3::ZERO || d.length() > 2.0 * plane.radius {
+                continue;
+            }
+            let off = plane.normal.dot(d).abs() / plane.scatter;
+            if off <= GATE {
+                votes += 1;
+                if off < best {
+                    (best, normal) = (off, plane.normal);
+                }
+            }
+        }
+        if votes >= MIN_VOTES { (true, normal) } else { (false, DVec3::ZERO) }
+    }
+}
+
+/// About `wanted` of the points, chosen by a hash of their number: every n-th point of a grid would be a
+/// row.
+fn thinned(points: &[DVec3], wanted: usize) -> Vec<DVec3> {
+    if wanted >= points.len() {
+        return points.to_vec();
+    }
+    let share = wanted as f64 / points.len() as f64;
+    let chosen =
+        |i: &usize| planish_core::random::unit_interval(planish_core::random::nth(*i as u64)) < share;
+    (0..points.len()).filter(chosen).map(|i| points[i]).collect()
+}
+
+/// Scatter over radius of the flattest third of the neighbourhoods of a cloud, from a sample.
+///
+/// Not the median: up to half of the neighbourhoods may consist of gross errors.
+fn typical_flatness(points: &[DVec3]) -> Result<f64> {
+    const SAMPLE: usize = 400;
+    let tree = tree_of(points)?;
+    let mut ratios: Vec<f64> = (0..points.len())
+        .step_by(points.len().div_ceil(SAMPLE).max(1))
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|i| {
+            let plane = plane_around(points, &tree, i);
+            if plane.normal == DVec3::ZERO { 1.0 } else { plane.scatter / plane.radius }
+        })
+        .collect();
+    let third = ratios.len() / 3;
+    Ok(*ratios.select_nth_unstable_by(third, f64::total_cmp).1)
+}
+
+fn tree_of(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
+    ImmutableKdTree::new_from_slice(as_arrays(points))
+        .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
+}
+
+/// The robust plane of the neighbours of point `i`; its normal is zero if they have none.
+fn plane_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> Plane {
+    let k = (points.len() / NEIGHBOURS_SHARE).clamp(MIN_NEIGHBOURS, NEIGHBOURS).min(points.len());
+    let count = NonZero::new(k).unwrap_or(NonZero::<usize>::MIN);
+    let found = tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
+    let near: Vec<DVec3> = found.iter().map(|n| points[n.item as usize]).collect();
+    let radius = found.iter().map(|n| n.distance).fold(0.0_f64, f64::max).sqrt();
+    let none = Plane { middle: points[i], normal: DVec3::ZERO, scatter: f64::MAX, radius };
+    if near.len() < 4 || radius <= 0.0 {
+        return none;
+    }
+    let Some((normal, offset, median)) = least_median_plane(&near, i) else {
+        return none;
+    };
+    // With few neighbours, the smallest median is too small by about 1 + 5/(n − 3) (Rousseeuw & Leroy 1987).
+    let correction = 1.0 + 5.0 / (near.len() as f64 - 3.0);
+    // Exact points of a plane have no scatter at all: rounding takes its place.
+    let floor = 1e-9 * (radius + points[i].length());
+    let rough = (MAD_TO_SIGMA * correction * median).max(floor);
+    let inliers: Vec<DVec3> =
+        near.iter().copied().filter(|p| (normal.dot(*p) - offset).abs() <= 2.5 * rough).collect();
+    let (middle, normal, variance) = least_squares_plane(&inliers);
+    let scatter = variance.max(0.0).sqrt().max(floor);
+    if scatter <= MAX_FLATNESS * radius { Plane { middle, normal, scatter, radius } } else { none }
+}
+
+/// Normal, offset and median absolute residual of the best of the planes through three of the points.
+fn least_median_plane(near: &[DVec3], seed: usize) -> Option<(DVec3, f64, f64)> {
+    let mut random = SplitMix64::new(seed as u64);
+    let mut draw = || (random.next_u64() % near.len() as u64) as usize;
+    let mut residuals = vec![0.0; near.len()];
+    let mut best: Option<(DVec3, f64, f64)> = None;
+    for _ in 0..TRIED_PLANES {
+        let [a, b, c] = [draw(), draw(), draw()].map(|k| near[k]);
+        // Three points that are equal or on one line span no plane.
+        let Some(normal) = (b - a).cross(c - a).try_normalize() else {
+            continue;
+        };
+        let offset = normal.dot(a);
+        for (residual, p) in residuals.iter_mut().zip(near) {
+            *residual = (normal.dot(*p) - offset).abs();
+        }
+        let middle = near.len() / 2;
+        let median = *residuals.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if best.is_none_or(|(.., least)| median < least) {
+            best = Some((normal, offset, median));
+        }
+    }
+    best
+}
+
+/// Mean, normal and variance about the plane of least squares, with three degrees of freedom less.
+fn least_squares_plane(points: &[DVec3]) -> (DVec3, DVec3, f64) {
+    let count = points.len() as f64;
+    let middle = points.iter().sum::<DVec3>() / count.max(1.0);
+    let mut moments = SymmetricMatrix3::ZERO;
+    for p in points {
+        moments.add_outer(1.0, *p - middle);
+    }
+    let (axes, values) = moments.eigen();
+    (middle, axes[2], values[2] / (count - 3.0).max(1.0))
+}
+
+/// The nearest neighbours of every point of a cloud.
+///
+/// # Examples
+/// ```
+/// use planish_core::DVec3;
+/// use planish_sense::Neighbourhoods;
+/// let points: Vec<DVec3> = (0..20).map(|k| DVec3::new(f64::from(k), 0.0, 0.0)).collect();
+/// let near = Neighbourhoods::new(&points, 4)?;
+/// // Of the neighbours of point 9, which are 7, 8, 10 and 11, two are marked.
+/// assert_eq!(near.share(9, |j| Some(j < 10)), Some(0.5));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub struct Neighbourhoods {
+    /// Neighbours of each point.
+    count: usize,
+    indices: Vec<u32>,
+    /// Distance to the farthest of them.
+    radii: Vec<f64>,
+}
+
+impl Neighbourhoods {
+    /// Finds the `count` nearest neighbours of each point, or all others if there are fewer.
+    ///
+    /// # Errors
+    /// `Undetermined` if the points cannot be searched.
+    pub fn new(points: &[DVec3], count: usize) -> Result<Self> {
+        let tree = tree_of(points)?;
+        let count = count.min(points.len().saturating_sub(1));
+        let asked = NonZero::new(count + 1).unwrap_or(NonZero::<usize>::MIN);
+        let found: Vec<(Vec<u32>, f64)> = (0..points.len())
+            .into_par_iter()
+            .with_min_len(256)
+            .map(|i| {
+                let near = tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
+                let radius = near.iter().map(|n| n.distance).fold(0.0, f64::max).sqrt();
+                // Of several points at one position, the query may return others than the point itself.
+                let others = near.iter().map(|n| n.item as u32).filter(|&j| j as usize != i);
+                (others.take(count).collect(), radius)
+            })
+            .collect();
+        let radii = found.iter().map(|(_, radius)| *radius).collect();
+        Ok(Self { count, indices: found.into_iter().flat_map(|(near, _)| near).collect(), radii })
+    }
+
+    /// The neighbours of a point.
+    #[must_use]
+    pub fn neighbours(&self, i: usize) -> &[u32] {
+        &self.indices[i * self.count..(i + 1) * self.count]
+    }
+
+    /// Side of the square that each point near this one has on a surface: `√(π/k)` times the distance of its
+    /// `k`-th neighbour.
+    #[must_use]
+    pub fn spacing(&self, i: usize) -> f64 {
+        self.radii[i] * (std::f64::consts::PI / self.count.max(1) as f64).sqrt()
+    }
+
+    /// Among the neighbours for which `marked` has an answer, the share of those with `true`; none if it has
+    /// no answer for any.
+    pub fn share(&self, i: usize, marked: impl Fn(usize) -> Option<bool>) -> Option<f64> {
+        let answers = self.neighbours(i).iter().filter_map(|&j| marked(j as usize));
+        let (count, yes) = answers.fold((0_u32, 0_u32), |(count, yes), is| (count + 1, yes + u32::from(is)));
+        (count > 0).then(|| f64::from(yes) / f64::from(count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_core::random::unit_interval;
+
+    /// Numbers in (−1, 1), uniform and roughly normal.
+    struct Draws(SplitMix64);
+
+    impl Draws {
+        fn uniform(&mut self) -> f64 {
+            2.0 * unit_interval(self.0.next_u64()) - 1.0
+        }
+
+        fn normal(&mut self) -> f64 {
+            (0..12).map(|_| 0.5 * self.uniform()).sum()
+        }
+    }
+
+    /// A paraboloid with noise, of which a share is displaced along z by `error`.
+    fn paraboloid(
+        n: usize,
+        share: f64,
+        noise: f64,
+        error: impl Fn(&mut Draws) -> f64,
+    ) -> (Vec<DVec3>, Vec<bool>) {
+        let mut draws = Draws(SplitMix64::new(11));
+        (0..n)
+            .map(|k| {
+                let (x, y) = (5.0 * draws.uniform(), 5.0 * draws.uniform());
+                let wrong = (k as f64 + 0.5) / (n as f64) < share;
+                let off = if wrong { error(&mut draws) } else { noise * draws.normal() };
+                (DVec3::new(x, y, 0.04 * (x * x + y * y) + off), !wrong)
+            })
+            .unzip()
+    }
+
+    /// Shares of the correct points and of the gross errors that are marked.
+    fn marked(points: &[DVec3], correct: &[bool]) -> (f64, f64) {
+        let found = surface_consensus(points).unwrap().unwrap();
+        let share = |of: bool| {
+            let all = correct.iter().zip(&found.on_surface).filter(|(c, _)| **c == of);
+            let (n, on) = all.fold((0_i32, 0_i32), |(n, on), (_, o)| (n + 1, on + i32::from(*o)));
+            f64::from(on) / f64::from(n.max(1_i32))
+        };
+        (share(true), share(false))
+    }
+
+    #[test]
+    fn nearly_half_of_the_points_may_be_gross_errors() {
+        for share in [0.05, 0.15, 0.3, 0.45] {
+            let (points, correct) = paraboloid(3000, share, 0.01, |d| 20.0 * d.uniform());
+            let (kept, taken) = marked(&points, &correct);
+            assert!(kept > 0.93 && taken < 0.05, "uniform, {share}: {kept} {taken}");
+        }
+        let (points, correct) = paraboloid(3000, 0.3, 0.01, |d| 2.0 + d.uniform());
+        let (kept, taken) = marked(&points, &correct);
+        assert!(kept > 0.93 && taken < 0.05, "to one side: {kept} {taken}");
+    }
+
+    #[test]
+    fn noise_larger_than_the_spacing_is_no_gross_error() {
+        // 40,000 points on 100 square units have a spacing of 0.05.
+        let (points, correct) = paraboloid(40_000, 0.0, 0.3, |_| 0.0);
+        let (kept, _) = marked(&points, &correct);
+        assert!(kept > 0.97, "{kept}");
+    }
+
+    #[test]
+    fn both_sides_of_an_edge_are_on_a_surface() {
+        let mut draws = Draws(SplitMix64::new(5));
+        let points: Vec<DVec3> = (0..4000)
+            .map(|k| {
+                let (along, across) = (draws.uniform(), 0.5 + 0.5 * draws.uniform());
+                let off = 0.002 * draws.normal();
+                if k % 2 == 0 { DVec3::new(along, across, off) } else { DVec3::new(along, off, across) }
+            })
+            .collect();
+        let (kept, _) = marked(&points, &vec![true; 4000]);
+        assert!(kept > 0.97, "{kept}");
+    }
+
+    #[test]
+    fn errors_in_a_volume_have_no_surface() {
+        let mut draws = Draws(SplitMix64::new(3));
+        let points: Vec<DVec3> =
+            (0..2000).map(|_| DVec3::new(draws.uniform(), draws.uniform(), draws.uniform())).collect();
+        let found = surface_consensus(&points).unwrap().unwrap();
+        let on = found.on_surface.iter().filter(|on| **on).count();
+        assert!(on < 1000, "{on} of 2000 points in a volume count as surface");
+    }
+}

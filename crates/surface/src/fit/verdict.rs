@@ -1,0 +1,160 @@
+//! The verdict on a first fit, from data that did not inflate their own σ.
+//!
+//! Input: a converged surface with its readings. Output: a [`FitVerdict`] with the places that the surface
+//! does not follow, or a refusal. See decision 0101.
+
+use super::enclosed::{EnclosedSolid, EnclosedTopology};
+use super::leaves::leaf_areas;
+use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
+use crate::observe::{Observations, ProjectedReadings};
+use planish_core::numbers::significant;
+use planish_core::{DVec3, Finding, FindingCode, Setting};
+use planish_estimate::{Error, Result};
+use planish_spline::{Shape, Surface};
+use serde::Serialize;
+
+/// Largest share of the measured area that may be unresolved in a result; with a topology that the surface
+/// cannot have, a tenth of it.
+const MAX_UNRESOLVED: f64 = 0.05;
+const MAX_UNRESOLVED_OF_OTHER_TOPOLOGY: f64 = 0.005;
+/// Largest share of the surface that may be far from the solid that the readings enclose, if that has
+/// another topology.
+const MAX_STRAY: f64 = 0.003;
+/// Places that a report lists.
+const MAX_PLACES: usize = 20;
+/// Readings from which the enclosed solid is found.
+const TOPOLOGY_SAMPLE: usize = 30_000;
+/// Fewer readings show no solid: between them the indicator has holes.
+const MIN_FOR_TOPOLOGY: usize = 1000;
+
+/// Whether a surface can be trusted where its readings are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FitVerdict {
+    /// The surface follows its readings everywhere.
+    #[default]
+    Converged,
+    /// A small share of the measured area is not followed; it is marked as such.
+    Unresolved,
+    /// Too much is not followed; the result exists only because it was asked for in spite of that.
+    Refused,
+}
+
+/// The verdict with its reasons.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Verdict {
+    pub verdict: FitVerdict,
+    pub misfit: SurfaceMisfit,
+    pub finding: Option<Finding>,
+}
+
+impl Verdict {
+    /// The largest places, for reports.
+    pub(super) fn listed_places(&self) -> Vec<UnresolvedPlace> {
+        self.misfit.places.iter().take(MAX_PLACES).copied().collect()
+    }
+}
+
+/// What the verdict depends on besides the readings.
+#[derive(Clone, Copy)]
+pub(super) struct VerdictInput {
+    pub gate: f64,
+    /// Keep a surface that would be refused.
+    pub force: bool,
+    /// World coordinates of the origin.
+    pub origin: DVec3,
+}
+
+/// Judges a first fit.
+///
+/// # Errors
+/// `Undetermined` if the surface does not follow more than 5 % of the measured area. If the readings enclose a
+/// solid of another topology, 0.5 % is enough, or a part of the surface that is nowhere near that solid. With
+/// `force` the surface is kept.
+pub(super) fn judge_surface(
+    surface: &Surface,
+    readings: ProjectedReadings<'_>,
+    input: VerdictInput,
+) -> Result<Verdict> {
+    let misfit = surface_misfit(readings, input.gate, input.origin)?;
+    let shape = surface.space().shape();
+    let solid = (shape == Shape::Ball).then(|| solid_of(readings.observations)).flatten();
+    let other = solid.as_ref().filter(|solid| !solid.topology.is_ball());
+    let stray = other.map_or(0.0, |solid| stray_share(surface, solid));
+    if misfit.places.is_empty() && stray <= MAX_STRAY {
+        return Ok(Verdict::default());
+    }
+    let allowed = if other.is_some() { MAX_UNRESOLVED_OF_OTHER_TOPOLOGY } else { MAX_UNRESOLVED };
+    let refused = misfit.area_fraction > allowed || stray > MAX_STRAY;
+    let place = misfit.places.first().map_or_else(
+        || format!("{} of the surface is far from the solid that the readings enclose", percent(stray)),
+        |largest| {
+            format!(
+                "the surface does not follow the readings on {} of the measured area, most of it around \
+                 ({}) over a length of {}",
+                percent(misfit.area_fraction),
+                largest.centre.map(|c| significant(c, 4)).join(", "),
+                significant(largest.size, 2)
+            )
+        },
+    );
+    let text = format!("{place}: {}", reason(shape, other.map(|solid| solid.topology)));
+    if refused && !input.force {
+        let text = format!("{text}; a result can be forced, but is wrong there");
+        return Err(Error::undetermined(text).with_setting(Setting::Force));
+    }
+    let (verdict, code) = if refused {
+        (FitVerdict::Refused, FindingCode::SurfaceRefused)
+    } else {
+        (FitVerdict::Unresolved, FindingCode::SurfaceMisfit)
+    };
+    Ok(Verdict { verdict, misfit, finding: Some(Finding::new(code, text)) })
+}
+
+/// Share of the area whose leaves have their middle far from a solid.
+fn stray_share(surface: &Surface, solid: &EnclosedSolid) -> f64 {
+    let areas = leaf_areas(surface);
+    let stray = |leaf: usize| solid.is_stray(surface.leaf_point(leaf, 0.5, 0.5));
+    let of_stray: f64 = (0..areas.len()).filter(|&leaf| stray(leaf)).map(|leaf| areas[leaf]).sum();
+    of_stray / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+}
+
+/// Why a surface does not follow its readings, as far as the readings show it.
+fn reason(shape: Shape, enclosed: Option<EnclosedTopology>) -> String {
+    let several = |count: usize, one: &str, many: &str| {
+        if count == 1 { format!("1 {one}") } else { format!("{count} {many}") }
+    };
+    match enclosed {
+        Some(EnclosedTopology { bodies, .. }) if bodies > 1 => format!(
+            "the readings show {bodies} separate bodies, and a {} is one: fit each body alone",
+            shape.name()
+        ),
+        Some(EnclosedTopology { handles, .. }) if handles > 0 => format!(
+            "the object has {}, which a {} cannot have",
+            several(handles, "hole through it or handle", "holes through it or handles"),
+            shape.name()
+        ),
+        _ => format!(
+            "there is an edge, a hole, a thin part or another feature that a smooth {} of this resolution \
+             does not have",
+            shape.name()
+        ),
+    }
+}
+
+/// A share as a percentage with two digits.
+fn percent(share: f64) -> String {
+    format!("{} %", significant(100.0 * share, 2))
+}
+
+/// The solid that the readings on a surface enclose; none if they are too few to show one.
+fn solid_of(observations: &Observations) -> Option<EnclosedSolid> {
+    let readings = &observations.readings;
+    let on: Vec<usize> = (0..readings.len())
+        .filter(|&i| readings.on_surface[i] && readings.normal(i) != DVec3::ZERO)
+        .collect();
+    let step = on.len().div_ceil(TOPOLOGY_SAMPLE).max(1);
+    let (points, normals): (Vec<_>, Vec<_>) =
+        on.iter().step_by(step).map(|&i| (readings.points[i], readings.normal(i))).unzip();
+    (points.len() >= MIN_FOR_TOPOLOGY).then(|| EnclosedSolid::new(&points, &normals))
+}

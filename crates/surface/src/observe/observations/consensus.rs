@@ -1,0 +1,186 @@
+//! Readings that lie on a surface with their neighbours, and stated normals that contradict it.
+//!
+//! Marks are found before any shape is chosen. Readings without a mark take no part in the choice of shape
+//! and in the rounds that look for it; the last round uses every reading within the gate. See decision 0100.
+
+use super::{IntakeFigures, Observations};
+use planish_core::{DVec3, Finding, FindingCode, Vec3};
+use planish_estimate::Result;
+use planish_exchange::ScanSet;
+use planish_sense::{MIN_FOR_CONSENSUS, Neighbourhoods, Scan, Sensor, SurfaceConsensus, surface_consensus};
+
+/// A scan is judged on its own as well if more than this share of it is off the surface of all scans: the
+/// scans may be displaced against each other.
+const MAX_OFF_SURFACE: f64 = 0.05;
+/// Cosine between a stated normal and the plane of the neighbours below which they contradict each other.
+const MIN_COSINE: f64 = 0.5;
+/// Share of contradictions above which the normals of a scan are not used.
+const MAX_CONTRADICTIONS: f64 = 0.25;
+/// Neighbours whose sides are compared, and the share on the same side below which a normal faces the wrong
+/// one, or the normals of a whole scan are of unknown side.
+const SIDE_NEIGHBOURS: usize = 8;
+const MIN_EQUAL_SIDES: f64 = 0.5;
+const MIN_EQUAL_SIDES_OF_SCAN: f64 = 0.8;
+
+/// Why the normals of a scan are not used as they are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum UnreliableNormals {
+    /// This share of them is not perpendicular to the surface that the neighbours show.
+    Directions(f64),
+    /// Neighbours face opposite sides; this share of neighbours faces the same.
+    Sides(f64),
+}
+
+impl Observations {
+    /// Marks the readings that lie on a surface with their neighbours, gives those without a normal that of
+    /// the surface, and checks stated normals against it.
+    pub(super) fn find_surface(&mut self, scans: &[&Scan], sensors: &[Sensor]) -> Result<()> {
+        // Sensors of normals and curvatures state a place, but do not measure it.
+        let positions: Vec<usize> =
+            (0..self.len()).filter(|&i| self.measures_positions(i, sensors)).collect();
+        let Some(found) = surface_consensus(&self.points_of(&positions))? else {
+            return Ok(());
+        };
+        self.mark_surface(&positions, &found);
+        let mut by_scan = vec![Vec::new(); scans.len()];
+        for &i in &positions {
+            by_scan[self.readings.scan[i] as usize].push(i);
+        }
+        for (s, own) in by_scan.iter().enumerate() {
+            let off = own.iter().filter(|&&i| !self.readings.on_surface[i]).count();
+            if own.len() < MIN_FOR_CONSENSUS {
+                // A few touches are placed on purpose, and no cloud of their own shows a surface.
+                own.iter().for_each(|&i| self.readings.on_surface[i] = true);
+            } else if own.len() < positions.len() && off as f64 > MAX_OFF_SURFACE * own.len() as f64 {
+                let again: Vec<usize> =
+                    own.iter().copied().filter(|&i| !self.readings.on_surface[i]).collect();
+                if let Some(alone) = surface_consensus(&self.points_of(own))? {
+                    let of_scan = own.iter().zip(alone.on_surface.iter().zip(&alone.normals));
+                    for (&i, (&on, normal)) in of_scan.filter(|(i, _)| again.binary_search(i).is_ok()) {
+                        self.mark(i, on, normal.as_vec3());
+                    }
+                }
+            }
+            if scans[s].normals.is_some() {
+                self.check_normals(s, own)?;
+            }
+        }
+        for (&i, normal) in positions.iter().zip(&found.normals) {
+            self.complete_normal(i, normal.as_vec3());
+        }
+        Ok(())
+    }
+
+    fn measures_positions(&self, i: usize, sensors: &[Sensor]) -> bool {
+        sensors[self.channels[self.channel(i)].sensor].kind.measures_positions()
+    }
+
+    fn points_of(&self, readings: &[usize]) -> Vec<DVec3> {
+        readings.iter().map(|&i| self.readings.points[i]).collect()
+    }
+
+    fn mark_surface(&mut self, readings: &[usize], found: &SurfaceConsensus) {
+        for (&i, &on) in readings.iter().zip(&found.on_surface) {
+            self.readings.on_surface[i] = on;
+        }
+    }
+
+    fn mark(&mut self, i: usize, on_surface: bool, normal: Vec3) {
+        self.readings.on_surface[i] = on_surface;
+        if on_surface {
+            self.complete_normal(i, normal);
+        }
+    }
+
+    /// Gives a reading without a normal that of the surface; its side stays unknown.
+    fn complete_normal(&mut self, i: usize, normal: Vec3) {
+        if self.readings.normals[i] == Vec3::ZERO && normal != Vec3::ZERO {
+            self.readings.normals[i] = normal;
+            self.readings.oriented[i] = false;
+        }
+    }
+
+    /// Forgets stated normals of a scan that contradict the surface, and sides that contradict each other.
+    fn check_normals(&mut self, scan: usize, own: &[usize]) -> Result<()> {
+        let known: Vec<usize> = own
+            .iter()
+            .copied()
+            .filter(|&i| self.readings.on_surface[i] && self.readings.normals[i] != Vec3::ZERO)
+            .collect();
+        if known.len() < MIN_FOR_CONSENSUS {
+            return Ok(());
+        }
+        let points = self.points_of(&known);
+        let Some(planes) = surface_consensus(&points)? else {
+            return Ok(());
+        };
+        let pairs = known.iter().zip(&planes.normals).filter(|(_, plane)| plane.length_squared() > 0.5);
+        let (count, contradictions) = pairs.fold((0_usize, 0_usize), |(count, found), (&i, plane)| {
+            (count + 1, found + usize::from(self.normal(i).dot(*plane).abs() < MIN_COSINE))
+        });
+        let share = contradictions as f64 / count.max(1) as f64;
+        if share > MAX_CONTRADICTIONS {
+            for &i in own {
+                self.readings.normals[i] = Vec3::ZERO;
+                self.readings.oriented[i] = false;
+            }
+            self.intake.unreliable_normals.push((scan as u32, UnreliableNormals::Directions(share)));
+            return Ok(());
+        }
+        let normals: Vec<DVec3> = known.iter().map(|&i| self.normal(i)).collect();
+        let near = Neighbourhoods::new(&points, SIDE_NEIGHBOURS)?;
+        // Neighbours across an edge face neither side.
+        let same_side = |i: usize, j: usize| {
+            let cosine = normals[i].dot(normals[j]);
+            (cosine.abs() > MIN_COSINE).then_some(cosine > 0.0)
+        };
+        let equal: Vec<f64> =
+            (0..known.len()).map(|i| near.share(i, |j| same_side(i, j)).unwrap_or(1.0)).collect();
+        let mean = equal.iter().sum::<f64>() / equal.len() as f64;
+        let all = mean < MIN_EQUAL_SIDES_OF_SCAN;
+        for (&i, &equal) in known.iter().zip(&equal) {
+            if all || equal < MIN_EQUAL_SIDES {
+                self.readings.oriented[i] = false;
+            }
+        }
+        if all {
+            // Those off the surface share the doubt.
+            own.iter().for_each(|&i| self.readings.oriented[i] = false);
+            self.intake.unreliable_normals.push((scan as u32, UnreliableNormals::Sides(mean)));
+        }
+        Ok(())
+    }
+
+    /// Findings about scans whose normals were not used as stated.
+    pub(crate) fn normal_findings(&self, set: &ScanSet) -> Vec<Finding> {
+        let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
+        let text = |&(scan, why): &(u32, UnreliableNormals)| {
+            Finding::new(
+                FindingCode::NormalsUnreliable,
+                match why {
+                    UnreliableNormals::Directions(share) => format!(
+                        "{}: {:.0} % of the stated normals are not perpendicular to the surface that \
+                         neighbouring readings show: normals were estimated from neighbours instead",
+                        name(scan),
+                        100.0 * share
+                    ),
+                    UnreliableNormals::Sides(share) => format!(
+                        "{}: only {:.0} % of neighbouring readings have normals that face the same side: \
+                         outside was found from the cloud as a whole instead",
+                        name(scan),
+                        100.0 * share
+                    ),
+                },
+            )
+        };
+        self.intake.unreliable_normals.iter().map(text).collect()
+    }
+}
+
+impl IntakeFigures {
+    /// True if the normals of some scan were not used as stated.
+    #[must_use]
+    pub fn has_unreliable_normals(&self) -> bool {
+        !self.unreliable_normals.is_empty()
+    }
+}
