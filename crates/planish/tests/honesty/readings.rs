@@ -192,7 +192,7 @@ fn displace(
         match condition {
             Condition::UniformOutliers(percent) if rng.random_range(0..100) < percent => {
                 if mode {
-                    reading.point += rng.random_range(-1.0..1.0) * reading.normal;
+                    reading.point += rng.random_range(-1.0..1.0) * object.half_thickness() * reading.normal;
                 } else {
                     reading.point = DVec3::from_array([0; 3].map(|_| rng.random_range(-half..half)));
                 }

@@ -170,6 +170,17 @@ impl SmoothObject {
         Self { topology, waves, proportion, max_displacement }
     }
 
+    /// Half of the smallest radius of a closed section; 1 for a sheet. Points that are displaced by less along
+    /// the normals do not gather at a centre or an axis, where they would be dense like a surface.
+    pub fn half_thickness(&self) -> f64 {
+        match self.topology {
+            Topology::Sheet => 1.0,
+            Topology::Tube => 0.25,
+            Topology::Ball => 0.5,
+            Topology::Torus => 0.5 * self.proportion,
+        }
+    }
+
     fn displacement(&self, at: [f64; 4]) -> f64 {
         let phase_of = |w: &Wave| w.vector.iter().zip(at).map(|(k, q)| k * q).sum::<f64>() + w.phase;
         self.waves.iter().map(|w| w.amplitude * phase_of(w).sin()).sum()
