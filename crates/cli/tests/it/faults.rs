@@ -156,8 +156,9 @@ impl Harness {
     /// Runs the fit with a fault, then the next commands; returns why that is not as promised.
     fn check(&self, folder: &Path, fault: Fault, old: &Files) -> Result<End, String> {
         let (output, log) = self.run(folder, &fit(), Some(fault));
-        // Without older files there are fewer calls.
-        if *old == self.old && !log.iter().any(|line| line.contains("failed")) {
+        // There are fewer calls without older files, and the number of allocations varies a little.
+        let may_miss = *old != self.old || !matches!(fault, Fault::Calls { seed: None, .. });
+        if !may_miss && !log.iter().any(|line| line.contains("failed")) {
             return Err("the fault was not reached".to_owned());
         }
         let after = files(folder);
