@@ -1,4 +1,5 @@
-//! Tests every reader with millions of damaged files: none may panic, hang or exhaust the memory.
+//! Tests every reader and whole commands with millions of damaged files: none may panic, hang or exhaust the
+//! memory.
 //!
 //! In: a number of cases and a seed; the same seed gives the same files. Out: one line per reader (numbers of
 //! accepted and rejected files, longest time, maximum memory), and for every failure the smallest file that
@@ -6,34 +7,34 @@
 //!
 //! Not guaranteed: that every line of the readers is reached. The damage knows formats, not code.
 
-mod mutate;
 mod processor_time;
-mod targets;
-mod valid;
 mod watch;
 mod worker;
 
 use cap::Cap;
 use clap::Parser;
+use planish_fuzz::targets::{COMMANDS, FuzzTarget, TARGETS};
 use std::alloc::System;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
-use targets::{FuzzTarget, TARGETS};
 use worker::{CaseOutcome, MAX_MEMORY};
 
 /// Counts allocations and enforces the memory limit.
 #[global_allocator]
 static ALLOCATOR: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Test every reader with damaged files
+/// One case of a command for so many of a reader.
+const READER_CASES_PER_COMMAND_CASE: u64 = 100;
+
+/// Test every reader, and commands, with damaged files
 #[derive(Debug, Parser)]
 #[command(name = "planish-fuzz")]
 struct Arguments {
-    /// Readers to test [default: all]
+    /// Readers and commands to test [default: all]
     target: Vec<String>,
-    /// Number of damaged files per reader
+    /// Number of damaged files per reader; a command gets a hundredth
     #[arg(long, default_value_t = 10_000)]
     cases: u64,
     /// Seed of the damage
@@ -68,11 +69,11 @@ fn run(arguments: &Arguments) -> io::Result<bool> {
     let mut targets: Vec<&FuzzTarget> = Vec::new();
     for name in &arguments.target {
         // Unknown names end the run before any work: a misspelt reader must not count as tested.
-        let found = TARGETS.iter().find(|t| t.name == name);
+        let found = TARGETS.iter().chain(COMMANDS).find(|t| t.name == name);
         targets.push(found.ok_or_else(|| io::Error::other(format!("unknown reader `{name}`")))?);
     }
     if targets.is_empty() {
-        targets.extend(TARGETS);
+        targets.extend(TARGETS.iter().chain(COMMANDS));
     }
     // The watching process starts this program again with `--input` or `--worker`.
     if let Some(path) = &arguments.input {
@@ -119,24 +120,25 @@ fn all_cases(targets: &[&FuzzTarget], arguments: &Arguments) -> io::Result<bool>
     let mut out = io::stdout().lock();
     writeln!(
         out,
-        "{:<10} {:>9} {:>9} {:>9} {:>7} {:>12} {:>11} {:>8}",
-        "reader", "cases", "accepted", "rejected", "failed", "slowest (ms)", "max. memory", "time (s)"
+        "{:<11} {:>9} {:>9} {:>9} {:>7} {:>12} {:>11} {:>8}",
+        "target", "cases", "accepted", "rejected", "failed", "slowest (ms)", "max. memory", "time (s)"
     )?;
     let mut good = true;
     for target in targets {
         // Wall time, for the user; the limits use processor time.
         let begun = Instant::now();
-        let report = watch::run(
-            target,
-            arguments.seed,
-            arguments.cases,
-            &scratch.path().join(target.name),
-            &arguments.out,
-        )?;
+        let is_command = COMMANDS.iter().any(|command| command.name == target.name);
+        let cases = if is_command {
+            arguments.cases.div_ceil(READER_CASES_PER_COMMAND_CASE)
+        } else {
+            arguments.cases
+        };
+        let report =
+            watch::run(target, arguments.seed, cases, &scratch.path().join(target.name), &arguments.out)?;
         let tally = report.tally;
         writeln!(
             out,
-            "{:<10} {:>9} {:>9} {:>9} {:>7} {:>12.1} {:>7.1} MiB {:>8.1}",
+            "{:<11} {:>9} {:>9} {:>9} {:>7} {:>12.1} {:>7.1} MiB {:>8.1}",
             target.name,
             tally.accepted + tally.rejected + tally.failed,
             tally.accepted,

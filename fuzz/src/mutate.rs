@@ -116,7 +116,7 @@ fn overwrite(bytes: &mut [u8], at: usize, with: &[u8]) {
 }
 
 /// Applies one random change. The weights of the kinds of damage are the numbers of their cases.
-fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) {
+pub fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) {
     let length = bytes.len();
     match random.random_range(0..16) {
         0 => {

@@ -1,9 +1,10 @@
-//! The readers that are tested with damaged files, one line each.
+//! The readers and commands that are tested with damaged files, one line each.
 //!
 //! In: a damaged file. Out: whether the reader accepts or rejects it. What is written from an accepted file
 //! must read back the same. A new reader needs a line of [`TARGETS`], a function in [`crate::valid`], and the
 //! words of its format in [`words`].
 
+mod commands;
 mod readers;
 mod repairs;
 mod words;
@@ -94,4 +95,20 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("rays", "a.csv", valid::rays, READINGS, unchanged, rays),
     target("contour", "a.json", valid::contours, CONTOUR, unchanged, contour),
     target("planish", "a.planish", valid::models, JSON, repair_model, model_round_trip),
+];
+
+/// Whole commands, in the same columns. A case computes and writes, and takes a hundred times as long.
+#[rustfmt::skip]
+pub const COMMANDS: &[FuzzTarget] = &[
+    target("fit", "a.xyz", valid::fitted_texts, TEXT, unchanged, commands::fit),
+    target("fit-job", "a.toml", valid::fitted_jobs, JOB, unchanged, commands::fit),
+    target("update", "a.planish", valid::models, JSON, repair_model, commands::update),
+    target("compare", "a.ply", valid::fitted_meshes, PLY, unchanged, commands::compare),
+    target("merge", "a.ply", valid::fitted_meshes, PLY, unchanged, commands::merge),
+    target("next", "a.planish", valid::models, JSON, repair_model, commands::next),
+    target("solid", "a.dxf", valid::front_views, DXF, unchanged, commands::solid),
+    target("contour", "a.csv", valid::outlines, READINGS, unchanged, commands::contour),
+    target("pose", "p.toml", valid::patch_poses, POSES, unchanged, commands::pose),
+    target("verify-glb", "a.glb", valid::glbs, GLB, repair_glb_lengths, commands::verify),
+    target("verify-step", "a.step", valid::steps, STEP, unchanged, commands::verify),
 ];

@@ -3,12 +3,14 @@
 //! Files come from our own writers where there is one; other variants are written by hand.
 
 mod calibrations;
+mod commands;
 mod drawings;
 mod images;
 mod meshes;
 mod scans;
 
 pub use calibrations::*;
+pub use commands::*;
 pub use drawings::*;
 pub use images::*;
 pub use meshes::*;
@@ -49,12 +51,14 @@ pub fn packed(bytes: &[u8]) -> Vec<u8> {
 /// The files that lists, jobs and cameras refer to; they lie in the same folder.
 pub fn neighbours() -> Result<Vec<(&'static str, Vec<u8>)>> {
     let points = b"0 0 0\n1 0 0\n0 1 0\n".to_vec();
-    Ok(vec![
+    let mut files = vec![
         ("good.xyz", points.clone()),
         ("a scan.xyz", points),
         ("a.png", pngs()?.swap_remove(0)),
         ("a.toml", cameras()?.swap_remove(0)),
-    ])
+    ];
+    files.extend(companions());
+    Ok(files)
 }
 
 /// A ZIP archive (NPZ) that holds the array twice, under two names.

@@ -4,9 +4,9 @@
 //! still fails.
 
 use crate::processor_time::Stopwatch;
-use crate::targets::FuzzTarget;
-use crate::valid;
 use crate::worker::{MAX_TIME, Tally, case_bytes};
+use planish_fuzz::targets::FuzzTarget;
+use planish_fuzz::valid;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::fs;

@@ -5,9 +5,9 @@
 //! ended the worker.
 
 use crate::ALLOCATOR;
-use crate::mutate::damaged;
 use crate::processor_time::Stopwatch;
-use crate::targets::FuzzTarget;
+use planish_fuzz::mutate::damaged;
+use planish_fuzz::targets::FuzzTarget;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::cell::RefCell;

@@ -135,8 +135,9 @@ fn print_outcome<B: Serialize>(
             };
             let printed = match common.json {
                 true => {
-                    let unit = common.unit.map(|u| Unit::from(u).name());
-                    print_json(&json(name, seconds, common, unit, Vec::new(), Vec::new(), &body))
+                    let unit = common.unit.map(Unit::from);
+                    let (unit, inputs, outputs) = head(unit, &[], e.outputs());
+                    print_json(&json(name, seconds, common, unit, inputs, outputs, &body))
                 }
                 false => Ok(()),
             };

@@ -7,6 +7,7 @@
 
 use crate::setting::Setting;
 use std::fmt;
+use std::path::PathBuf;
 
 /// Category of an [`Error`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -73,6 +74,8 @@ pub struct Error {
     // Settings, not options: the library is also used without the command, which adds the names of its
     // options.
     settings: Vec<Setting>,
+    // Only a set of files whose renames failed halfway has some.
+    outputs: Vec<PathBuf>,
     // `Send + Sync`, because parallel work returns errors from other threads.
     source: Option<Box<dyn std::error::Error + Send + Sync + 'static>>,
 }
@@ -83,7 +86,14 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 impl Error {
     /// An error of a given kind.
     pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
-        Self { kind, message: message.into(), place: None, settings: Vec::new(), source: None }
+        Self {
+            kind,
+            message: message.into(),
+            place: None,
+            settings: Vec::new(),
+            outputs: Vec::new(),
+            source: None,
+        }
     }
 
     /// An [`ErrorKind::Input`] error: wrong input or wrong use.
@@ -151,6 +161,19 @@ impl Error {
     pub fn with_setting(mut self, setting: Setting) -> Self {
         self.settings.push(setting);
         self
+    }
+
+    /// The same error with files that were written nevertheless.
+    #[must_use]
+    pub fn with_outputs(mut self, outputs: Vec<PathBuf>) -> Self {
+        self.outputs = outputs;
+        self
+    }
+
+    /// Files that were written before the error; mostly none, because outputs appear together.
+    #[must_use]
+    pub fn outputs(&self) -> &[PathBuf] {
+        &self.outputs
     }
 
     /// The name of the scan that the message begins with, if it is about one.

@@ -11,7 +11,8 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::output_set::{
-    folder_of, recover, remember_folder, stage_file, stage_folder, temporary_file, temporary_folder,
+    could_not_write, folder_of, recover, remember_folder, stage_file, stage_folder, temporary_file,
+    temporary_folder,
 };
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -56,7 +57,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     // Without this, a power failure after the rename could leave an empty file under the final name. It
     // follows the attributes, so that they are stored too.
     temporary.as_file().sync_all().map_err(failed)?;
-    stage_file(temporary, target)
+    stage_file(temporary, target, path.to_path_buf())
 }
 
 /// Gives a new file the mode of the file that it replaces and, if permitted, its owner and group.
@@ -153,15 +154,6 @@ enum Target {
     File { target: PathBuf, folder: PathBuf },
     /// A device or a pipe, written directly.
     Device,
-}
-
-fn could_not_write(path: &Path, e: io::Error) -> Error {
-    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
-    let full = match e.kind() {
-        StorageFull | QuotaExceeded | FileTooLarge => ": no space is left; free space or choose another disk",
-        _ => "",
-    };
-    Error::io(format!("{}: could not be written{full}", path.display())).with_source(e)
 }
 
 /// Error of a temporary file that could not be created. The folder is named, because the user has never seen

@@ -25,7 +25,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex};
-use tempfile::{NamedTempFile, TempDir};
+use tempfile::{NamedTempFile, TempDir, TempPath};
 
 /// Start of the names of temporary files and manifests.
 const PREFIX: &str = ".planish-";
@@ -65,6 +65,8 @@ impl Drop for OutputSet {
 pub(crate) struct Staged {
     content: Content,
     target: PathBuf,
+    /// Its final path as the user wrote it: relative, and not resolved if it is a link.
+    name: PathBuf,
 }
 
 /// Removed when dropped, unless it was renamed.
@@ -82,22 +84,17 @@ impl Staged {
         }
     }
 
-    /// Renames it to its final name. After a failure, the temporary file stays if `keep` is set.
-    fn publish(self, keep: bool) -> io::Result<()> {
+    /// Renames it to its final name. After a failure, the temporary file stays, and the error has its path.
+    fn publish(self) -> std::result::Result<(), (PathBuf, io::Error)> {
         // The lock has to outlive the rename, or another process could take the file for a leftover.
         let (temporary, _lock) = match self.content {
             Content::File(file) => {
                 let (lock, path) = file.into_parts();
-                (path.keep().map_err(|e| e.error)?, Some(lock))
+                (path.keep().map_err(|e| (e.path.to_path_buf(), e.error))?, Some(lock))
             }
             Content::Folder(folder, lock) => (folder.keep(), lock),
         };
-        let renamed = replace(&temporary, &self.target);
-        if renamed.is_err() && !keep {
-            // A file or a folder; the other call fails.
-            let _ = fs::remove_file(&temporary).or_else(|_| fs::remove_dir_all(&temporary));
-        }
-        renamed
+        replace(&temporary, &self.target).map_err(|e| (temporary, e))
     }
 }
 
@@ -170,13 +167,13 @@ impl Drop for Scope {
 }
 
 /// Adds a finished file to the set of this thread, or publishes it at once without one.
-pub(crate) fn stage_file(file: NamedTempFile, target: PathBuf) -> Result<()> {
-    stage(Staged { content: Content::File(file), target })
+pub(crate) fn stage_file(file: NamedTempFile, target: PathBuf, name: PathBuf) -> Result<()> {
+    stage(Staged { content: Content::File(file), target, name })
 }
 
 /// Adds a finished folder to the set of this thread, or publishes it at once without one.
 pub(crate) fn stage_folder(folder: TempDir, lock: Option<File>, target: PathBuf) -> Result<()> {
-    stage(Staged { content: Content::Folder(folder, lock), target })
+    stage(Staged { content: Content::Folder(folder, lock), name: target.clone(), target })
 }
 
 fn stage(staged: Staged) -> Result<()> {
@@ -207,28 +204,44 @@ fn publish(staged: Vec<Staged>) -> Result<()> {
         let mut seen = HashSet::new();
         staged.iter().map(|s| folder_of(&s.target)).filter(|f| seen.insert(f.clone())).collect()
     };
-    let manifests = match staged.len() {
+    let mut manifests = match staged.len() {
         0 | 1 => Vec::new(),
         _ => write_manifests(&staged, &folders)?,
     };
+    let mut published = Vec::with_capacity(staged.len());
     let mut failure = None;
     for item in staged {
-        // Continues after a failure: the set is committed, and each rename that succeeds is one less to
-        // recover.
-        let target = item.target.clone();
-        if let Err(e) = item.publish(!manifests.is_empty()) {
-            failure.get_or_insert((target, e));
+        let name = item.name.clone();
+        match item.publish() {
+            Ok(()) => published.push(name),
+            Err((temporary, e)) => {
+                // As long as all files are old, the set can be withdrawn. The record goes first: without it,
+                // the temporary files are leftovers.
+                if published.is_empty() && failure.is_none() && withdraw(&mut manifests) {
+                    // A file or a folder; the other call fails.
+                    let _ = fs::remove_file(&temporary).or_else(|_| fs::remove_dir_all(&temporary));
+                    return Err(could_not_write(&name, e));
+                }
+                // Continues: the set is committed, and each rename that succeeds is one less to recover.
+                failure.get_or_insert((name, e));
+            }
         }
     }
     for folder in &folders {
         sync_folder(folder);
     }
-    if let Some((target, e)) = failure {
+    if let Some((name, e)) = failure {
         // The manifests stay, but their locks go, so that a later run can complete the set.
         for (path, _) in manifests {
             let _ = path.keep();
         }
-        return Err(Error::io(format!("{}: could not be written", target.display())).with_source(e));
+        let message = format!(
+            "{}: could not be replaced; the next command that reads or writes a file in {} completes the \
+             outputs",
+            name.display(),
+            folder_of(&name).display()
+        );
+        return Err(Error::io(message).with_source(e).with_outputs(published));
     }
     // The commit record goes first: pointers to a missing record mean that nothing is left to do.
     for (path, _) in manifests {
@@ -237,11 +250,32 @@ fn publish(staged: Vec<Staged>) -> Result<()> {
     Ok(())
 }
 
+/// Error of an output; a full disk is named as such.
+pub(crate) fn could_not_write(path: &Path, e: io::Error) -> Error {
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    let full = match e.kind() {
+        StorageFull | QuotaExceeded | FileTooLarge => ": no space is left; free space or choose another disk",
+        _ => "",
+    };
+    Error::io(format!("{}: could not be written{full}", path.display())).with_source(e)
+}
+
+/// Removes the record of a set, and then the pointers to it. Returns false if the record cannot be removed.
+fn withdraw(manifests: &mut Vec<(TempPath, File)>) -> bool {
+    if let Some((path, _)) = manifests.first()
+        && fs::remove_file(path).is_err()
+    {
+        return false;
+    }
+    manifests.clear();
+    true
+}
+
 /// Writes the commit record into the first folder, and pointers to it into the others.
 ///
 /// The pointers are written before the record, so that all folders know of a set as soon as it is committed.
 /// The record is the first of the returned files.
-fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(tempfile::TempPath, File)>> {
+fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(TempPath, File)>> {
     let first = &folders[0];
     let failed = |e: io::Error| {
         Error::io(format!("{}: could not record the set of outputs", first.display())).with_source(e)
@@ -267,7 +301,15 @@ fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(tempfi
     // After a power failure, a file may have its length, but not all of its content.
     let checksum = checksum(&bytes);
     push_path(&mut bytes, OsStr::new(&checksum));
-    record.as_file().write_all(&bytes).and_then(|()| record.as_file().sync_all()).map_err(failed)?;
+    // A part of the record commits nothing.
+    record.as_file().write_all(&bytes).map_err(failed)?;
+    if let Err(e) = record.as_file().sync_all() {
+        // The record is complete, though perhaps not on the disk. If it can neither be emptied nor removed,
+        // the set is committed and the renames follow, because a later command would complete them.
+        if record.as_file().set_len(0).is_ok() || fs::remove_file(record.path()).is_ok() {
+            return Err(failed(e));
+        }
+    }
     sync_folder(first);
     let (file, path) = record.into_parts();
     written.insert(0, (path, file));
@@ -293,59 +335,94 @@ pub(crate) fn recover(folder: &Path) {
 }
 
 fn recover_now(folder: &Path) -> io::Result<()> {
-    let (mut manifests, mut temporaries) = (Vec::new(), Vec::new());
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        let name = entry.file_name();
-        let name = name.as_encoded_bytes();
-        if name.starts_with(PREFIX.as_bytes()) && name.ends_with(MANIFEST.as_bytes()) {
-            manifests.push(entry.path());
-        } else if name.starts_with(PREFIX.as_bytes()) && name.ends_with(TEMPORARY.as_bytes()) {
-            temporaries.push(entry.path());
+    // Temporary files are locked before manifests are listed. A process commits while it holds these locks,
+    // so every manifest that names one of these files is in the list.
+    let mut abandoned = Vec::new();
+    for path in hidden_files(folder, TEMPORARY)? {
+        if let Abandoned::Yes(lock) = abandoned_lock(&path)? {
+            abandoned.push((path, lock));
         }
     }
-    for path in manifests {
-        // A manifest that is locked belongs to a running process.
-        if let Some(lock) = abandoned_lock(&path) {
-            recover_manifest(&path)?;
-            drop(lock);
-        }
-    }
-    for path in temporaries {
-        if let Some(lock) = abandoned_lock(&path) {
-            match path.is_dir() {
-                true => fs::remove_dir_all(&path)?,
-                false => fs::remove_file(&path)?,
+    let mut in_use = false;
+    for path in hidden_files(folder, MANIFEST)? {
+        match abandoned_lock(&path)? {
+            Abandoned::Yes(lock) => {
+                in_use |= !recover_manifest(&path)?;
+                drop(lock);
             }
-            drop(lock);
+            Abandoned::InUse => in_use = true,
+            Abandoned::Gone => {}
         }
+    }
+    // Another process that completes a set does not hold the locks of its temporary files.
+    for (path, lock) in abandoned.into_iter().filter(|_| !in_use) {
+        // Those of a completed set have their final names.
+        match path.symlink_metadata() {
+            Ok(known) if known.is_dir() => fs::remove_dir_all(&path)?,
+            Ok(_) => fs::remove_file(&path)?,
+            Err(_) => {}
+        }
+        drop(lock);
     }
     sync_folder(folder);
     Ok(())
 }
 
-/// The lock of a file whose writer is gone. `None` if it is in use, or no longer there.
-fn abandoned_lock(path: &Path) -> Option<File> {
-    let file = File::open(path).ok()?;
-    file.try_lock().ok()?;
-    // Between opening and locking, its owner may have renamed or removed it.
-    path.exists().then_some(file)
+/// The temporary files or the manifests in a folder.
+fn hidden_files(folder: &Path, suffix: &str) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.as_encoded_bytes();
+        if name.starts_with(PREFIX.as_bytes()) && name.ends_with(suffix.as_bytes()) {
+            found.push(entry.path());
+        }
+    }
+    Ok(found)
 }
 
-fn recover_manifest(path: &Path) -> io::Result<()> {
-    let bytes = fs::read(path)?;
-    let Some(fields) = bytes.strip_prefix(MAGIC).and_then(fields) else {
-        // Not complete, so nothing was renamed yet.
-        return fs::remove_file(path);
+/// Whether the writer of a file is gone.
+enum Abandoned {
+    /// Yes, and the lock is now held here.
+    Yes(File),
+    /// Another process holds the lock, or there are no locks.
+    InUse,
+    /// The file was renamed or removed meanwhile.
+    Gone,
+}
+
+/// Locks a file whose writer is gone.
+///
+/// A file that cannot be examined is an error and not a leftover: it may be the manifest of a committed set.
+fn abandoned_lock(path: &Path) -> io::Result<Abandoned> {
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Abandoned::Gone),
+        Err(e) => return Err(e),
     };
+    if file.try_lock().is_err() {
+        return Ok(Abandoned::InUse);
+    }
+    // Between opening and locking, its owner may have renamed or removed it.
+    Ok(if path.try_exists()? { Abandoned::Yes(file) } else { Abandoned::Gone })
+}
+
+/// Completes the renames of a manifest and removes it. Returns false if another process is doing that.
+fn recover_manifest(path: &Path) -> io::Result<bool> {
+    let bytes = fs::read(path)?;
+    let fields = bytes.strip_prefix(MAGIC).and_then(fields).unwrap_or_default();
     match fields.split_first() {
         Some((record, [])) => {
             let record = Path::new(record);
-            // Without the record, the set was never committed, or is complete.
-            if record.exists() {
-                let Some(lock) = abandoned_lock(record) else { return Ok(()) };
-                recover_manifest(record)?;
-                drop(lock);
+            match abandoned_lock(record)? {
+                Abandoned::InUse => return Ok(false),
+                Abandoned::Yes(lock) => {
+                    recover_manifest(record)?;
+                    drop(lock);
+                }
+                // The set was never committed, or it is complete.
+                Abandoned::Gone => {}
             }
         }
         Some((_, [pairs @ .., sum])) if is_checksum(&bytes, sum) => {
@@ -358,9 +435,11 @@ fn recover_manifest(path: &Path) -> io::Result<()> {
                 }
             }
         }
+        // Not complete, so nothing was renamed yet.
         _ => {}
     }
-    fs::remove_file(path)
+    fs::remove_file(path)?;
+    Ok(true)
 }
 
 /// Whether `sum` is the checksum of a manifest that ends with it.

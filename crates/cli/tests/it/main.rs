@@ -9,6 +9,8 @@ mod constraints;
 mod drawings;
 mod end_to_end;
 mod errors;
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+mod faults;
 mod findings;
 mod help;
 mod hostile;

@@ -64,7 +64,8 @@ fn interrupted_commit(folders: [&Path; 2], commit: bool, renames: usize) {
         .map(|k| {
             let mut file = temporary_file(folders[k % 2]).unwrap();
             file.write_all(b"new").unwrap();
-            Staged { content: Content::File(file), target: folders[k % 2].join(format!("{k}")) }
+            let target = folders[k % 2].join(format!("{k}"));
+            Staged { content: Content::File(file), name: target.clone(), target }
         })
         .collect();
     let mut places = folders.map(Path::to_path_buf).to_vec();
