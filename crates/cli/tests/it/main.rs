@@ -10,6 +10,7 @@ mod drawings;
 mod end_to_end;
 mod errors;
 mod findings;
+mod formats;
 mod help;
 mod hostile;
 mod json;
