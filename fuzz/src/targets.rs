@@ -76,6 +76,8 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("e57", "a.e57", valid::e57s, XML, repair_e57_checksums, scans),
     target("png", "a.png", valid::pngs, &[], repair_png_checksums, scans),
     target("tiff", "a.tif", valid::tiffs, &[], unchanged, scans),
+    // Under this name, no calibration lies beside it.
+    target("geotiff", "map.tif", valid::geotiffs, &[], unchanged, scans),
     // The image beside it is valid; only its calibration is damaged.
     target("camera", "a.toml", valid::cameras, CAMERA, unchanged, depth_image),
     target("picture", "p.png", valid::pngs, &[], repair_png_checksums, picture),

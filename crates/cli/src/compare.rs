@@ -4,12 +4,12 @@ mod text;
 
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::summary::{self, Summary};
-use crate::values::positive;
+use crate::values::length;
 use clap::{Args, ValueEnum, ValueHint};
 use planish::Job;
 use planish::compare::{CompareJob, CompareOptions, ComparedPart, ComparisonReport};
 use planish::progress::Progress;
-use planish::{Result, Unit};
+use planish::{Length, Result, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -42,9 +42,9 @@ pub struct CompareArgs {
     #[arg(long, value_name = "PART", value_enum, default_value_t = PartName::Measured)]
     part: PartName,
     /// Maximum chord error of the model's mesh, as a length [default: half the median σ]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           hide_short_help = true)]
-    mesh_tolerance: Option<f64>,
+    mesh_tolerance: Option<Length>,
     /// The report.
     #[command(flatten)]
     page: ReportArgs,

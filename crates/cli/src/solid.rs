@@ -4,11 +4,11 @@ mod text;
 
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::summary::{self, Summary};
-use crate::values::{positive, probability};
+use crate::values::{length, probability};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::progress::Progress;
 use planish::solid::{Projection, SolidJob, SolidReport, ViewKind};
-use planish::{ErrorKind, Job, Result};
+use planish::{ErrorKind, Job, Length, Result};
 use serde::Serialize;
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -72,15 +72,15 @@ pub struct SolidArgs {
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Vec<PathBuf>,
     /// Maximum distance of a mesh from the solid [default: 1/2000 of the drawing's size]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           hide_short_help = true)]
-    mesh_tolerance: Option<f64>,
+    mesh_tolerance: Option<Length>,
     /// Maximum distance of coordinates that are treated as equal
     ///
     /// This joins lines with small gaps between their ends, and views whose scales differ slightly.
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           help_heading = "Views")]
-    tolerance: Option<f64>,
+    tolerance: Option<Length>,
     /// Write all solids with these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     all: bool,

@@ -153,6 +153,8 @@ codes! {
         "More reference points than expected are within 1.96 σ: σ is too large.",
     ModelWithoutSigma = "model-without-sigma", Warning:
         "The model has no σ, so that its uncertainty cannot be checked.",
+    FilesExchanged = "files-exchanged", Warning:
+        "The model has points only and the reference a surface: they were exchanged.",
     DeviationsBiased = "deviations-biased", Warning: "Most deviations have the same sign.",
     ReferenceWithoutFaces = "reference-without-faces", Warning:
         "The reference has no faces: only its points are compared.",
@@ -169,7 +171,7 @@ codes! {
     ModelWithoutChecksums = "model-without-checksums", Warning:
         "A saved model has no checksums, so damage may stay undetected.",
     PictureEmpty = "picture-empty", Warning: "The image is empty.",
-    PointsThinned = "points-thinned", Warning: "Only some of the points are shown.",
+    PointsThinned = "points-thinned", Warning: "Only some of the points are shown or compared.",
     MeshDefects = "mesh-defects", Warning: "The mesh has edges, triangles or vertices with defects.",
     // merge
     PatchDuplicate = "patch-duplicate", Warning: "A patch repeats another one and is ignored.",

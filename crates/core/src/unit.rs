@@ -99,6 +99,13 @@ impl Length {
     }
 }
 
+impl From<f64> for Length {
+    /// A length in the unit of the model.
+    fn from(value: f64) -> Self {
+        Self { value, unit: None }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -275,8 +275,9 @@ pub(crate) fn tiff_limits(length: Option<u64>) -> Limits {
     limits
 }
 
-fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
-    let damaged = |e: TiffError| match e {
+/// The error of a TIFF decoder in terms of the file.
+pub(crate) fn tiff_error(e: TiffError) -> Error {
+    match e {
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => {
             Error::io("could not be read").with_source(e)
         }
@@ -287,23 +288,12 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
             Error::unsupported("this kind of TIFF image is not supported").with_source(e)
         }
         e => Error::input("not a TIFF image, or damaged or cut off").with_source(e),
-    };
-    // First, because the decoder reads tags when it is created, before `with_limits` can bound them.
-    tags::check(&mut file)?;
-    let mut decoder = TiffDecoder::new(file).map_err(damaged)?.with_limits(tiff_limits(length));
-    let (columns, rows) = decoder.dimensions().map_err(damaged)?;
-    let budget = picture_budget(length);
-    // Twice, because the decoded values are converted.
-    take_pixels(columns, rows, length, 2 * READING_BYTES, &budget)?;
-    match decoder.colortype().map_err(damaged)? {
-        TiffColor::Gray(_) => {}
-        other => {
-            return Err(Error::unsupported(format!(
-                "expected a depth image with one channel, found {other:?}"
-            )));
-        }
     }
-    let readings = match decoder.read_image().map_err(damaged)? {
+}
+
+/// The samples of a decoded TIFF image as numbers.
+pub(crate) fn tiff_samples(decoded: DecodingResult) -> Result<Vec<f64>> {
+    Ok(match decoded {
         DecodingResult::U8(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::U16(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::U32(v) => v.into_iter().map(f64::from).collect(),
@@ -316,7 +306,26 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
                 "expected integers of 8, 16 or 32 bits, or floating-point numbers",
             ));
         }
-    };
+    })
+}
+
+fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
+    // First, because the decoder reads tags when it is created, before `with_limits` can bound them.
+    tags::check(&mut file)?;
+    let mut decoder = TiffDecoder::new(file).map_err(tiff_error)?.with_limits(tiff_limits(length));
+    let (columns, rows) = decoder.dimensions().map_err(tiff_error)?;
+    let budget = picture_budget(length);
+    // Twice, because the decoded values are converted.
+    take_pixels(columns, rows, length, 2 * READING_BYTES, &budget)?;
+    match decoder.colortype().map_err(tiff_error)? {
+        TiffColor::Gray(_) => {}
+        other => {
+            return Err(Error::unsupported(format!(
+                "expected a depth image with one channel, found {other:?}"
+            )));
+        }
+    }
+    let readings = tiff_samples(decoder.read_image().map_err(tiff_error)?)?;
     Ok(Image { columns: columns as usize, rows: rows as usize, readings, budget })
 }
 

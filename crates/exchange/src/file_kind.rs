@@ -1,4 +1,4 @@
-//! What a file is: by its extension, and for TOML, CSV and text by its keys and columns.
+//! What a file is: by its extension, and for TOML, CSV and TIFF by its keys, columns and tags.
 //!
 //! **Input.** A path.
 //!
@@ -7,6 +7,7 @@
 //! **Limits.** The content is not checked; a reader does that.
 
 use crate::calibration::table;
+use crate::geotiff::is_height_map;
 use crate::source::{describe_extension, extension, open, read_text};
 use planish_estimate::{Error, Result};
 use std::path::Path;
@@ -94,6 +95,7 @@ impl FileKind {
             "json" => Self::Contour,
             "log" => Self::ContourReadings,
             "mtl" => Self::Materials,
+            "tif" | "tiff" if is_height_map(path) => Self::Points,
             "png" | "tif" | "tiff" | "jpg" | "jpeg" | "tga" | "pgm" | "ppm" => Self::Picture,
             "csv" => of_csv(path)?,
             "xyz" | "txt" | "asc" | "pts" | "pcd" | "las" | "laz" | "e57" | "npy" | "npz" => Self::Points,
@@ -106,6 +108,17 @@ impl FileKind {
                 )));
             }
         })
+    }
+
+    /// The name with the article that a sentence needs, such as `a drawing`.
+    #[must_use]
+    pub fn with_article(self) -> String {
+        // Of these names, only those in the plural have none.
+        match self.name() {
+            name if name.ends_with('s') && !name.ends_with("scans") => name.to_owned(),
+            name if name.contains("readings") => name.to_owned(),
+            name => format!("a {name}"),
+        }
     }
 
     /// The name in messages.

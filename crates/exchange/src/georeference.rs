@@ -23,9 +23,12 @@ pub struct GeoReference {
 
 /// GeoTIFF keys.
 const MODEL_TYPE: u16 = 1024;
+const HEIGHT_UNITS: u16 = 4099;
 pub(crate) const RASTER_TYPE: u16 = 1025;
 const PROJECTED_CRS: u16 = 3072;
 const PROJECTED_LINEAR_UNITS: u16 = 3076;
+/// Value of [`MODEL_TYPE`] for coordinates in degrees.
+const GEOGRAPHIC: u16 = 2;
 /// TIFF tags that hold the values of keys.
 pub(crate) const DOUBLES_TAG: u16 = 34736;
 pub(crate) const TEXT_TAG: u16 = 34737;
@@ -102,16 +105,32 @@ impl GeoReference {
     /// Unit of the coordinates, if it is the metre or a foot.
     #[must_use]
     pub fn unit(&self) -> Option<Unit> {
-        match self.key(PROJECTED_LINEAR_UNITS)? {
-            METRE => Some(Unit::Metre),
-            code if FEET.contains(&code) => Some(Unit::Foot),
-            _ => None,
-        }
+        unit_of_code(self.key(PROJECTED_LINEAR_UNITS)?)
+    }
+
+    /// Unit of heights, if stated and the metre or a foot.
+    pub(crate) fn height_unit(&self) -> Option<Unit> {
+        unit_of_code(self.key(HEIGHT_UNITS)?)
     }
 
     fn key(&self, wanted: u16) -> Option<u16> {
         (self.keys.iter().find(|k| k[0] == wanted && k[1] == 0)).map(|k| k[3])
     }
+}
+
+/// The unit of an EPSG code.
+fn unit_of_code(code: u16) -> Option<Unit> {
+    match code {
+        METRE => Some(Unit::Metre),
+        code if FEET.contains(&code) => Some(Unit::Foot),
+        _ => None,
+    }
+}
+
+/// True if the keys of a raster state longitudes and latitudes instead of a projected map.
+pub(crate) fn is_geographic(keys: &[u16]) -> bool {
+    // The directory begins with four words that are no key.
+    keys.chunks_exact(4).skip(1).any(|k| k[0] == MODEL_TYPE && k[3] == GEOGRAPHIC)
 }
 
 #[cfg(test)]

@@ -1,12 +1,16 @@
-//! Writes GeoTIFF: heights and their σ on a grid of a map.
+//! Reads and writes GeoTIFF: heights and their σ on a grid of a map.
 //!
-//! **Input.** A [`HeightGrid`].
+//! **Input.** A [`HeightGrid`] to write; a file of heights to read ([`read_geotiff`]).
 //!
 //! **Output.** One file with two interleaved bands in single precision, compressed by deflate. Band 1 is the
 //! height, band 2 its σ; both are [`NODATA`] where the grid has no value. Coordinates have double precision.
 //! A pixel is an area whose upper left corner is tied to the map.
 //!
 //! **Limits.** Files have at most 4 GB.
+
+mod read;
+#[cfg(test)]
+mod tests;
 
 use std::io::{self, Cursor, Write};
 use std::path::Path;
@@ -20,6 +24,8 @@ use tiff::tags::{ExtraSamples, PhotometricInterpretation, SampleFormat, Tag};
 
 use crate::georeference::{DOUBLES_TAG, RASTER_TYPE, TEXT_TAG};
 use crate::{GeoReference, Unit, write_atomically};
+pub(crate) use read::is_height_map;
+pub use read::{HeightScan, read_geotiff};
 
 /// Value of cells without a height. GIS programs read it from the tag `GDAL_NODATA`.
 pub const NODATA: f32 = -9999.0;
@@ -60,6 +66,8 @@ impl ColorType for HeightAndSigma {
 
 /// Private tag of GDAL for the names and units of bands.
 const GDAL_METADATA: Tag = Tag::Unknown(42112);
+/// Name of the second band.
+const SIGMA_NAME: &str = "sigma of the height";
 
 /// Writes a grid of heights.
 ///
@@ -164,68 +172,7 @@ fn metadata(unit: Unit) -> String {
         "<GDALMetadata>{}{}{}{}</GDALMetadata>",
         item("DESCRIPTION", 0, "description", "height"),
         item("UNITTYPE", 0, "unittype", unit),
-        item("DESCRIPTION", 1, "description", "sigma of the height"),
+        item("DESCRIPTION", 1, "description", SIGMA_NAME),
         item("UNITTYPE", 1, "unittype", unit),
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use planish_estimate::ErrorKind;
-    use tiff::decoder::{Decoder, DecodingResult};
-
-    fn grid() -> HeightGrid {
-        HeightGrid {
-            corner: [600_000.25, 4_000_000.75],
-            cell: 0.5,
-            columns: 3,
-            rows: 2,
-            values: vec![[1.0, 0.1], [2.0, 0.2], [NODATA; 2], [4.0, 0.4], [5.5, 0.5], [6.0, 0.6]],
-            unit: Unit::Metre,
-            georeference: GeoReference::from_wkt(
-                "PROJCS[\"x\",UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32632\"]]",
-            ),
-        }
-    }
-
-    #[test]
-    fn written_grids_read_back_unchanged() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tif");
-        write_geotiff(&path, &grid()).unwrap();
-        let mut decoder = Decoder::new(std::fs::File::open(&path).unwrap()).unwrap();
-        assert_eq!(decoder.dimensions().unwrap(), (3, 2));
-        let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap();
-        let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap();
-        assert_eq!(scale, [0.5, 0.5, 0.0]);
-        // Coordinates keep double precision.
-        assert_eq!(tie, [0.0, 0.0, 0.0, 600_000.25, 4_000_000.75, 0.0]);
-        let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap();
-        assert_eq!(keys, [1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32632, 3076, 0, 1, 9001]);
-        assert_eq!(decoder.get_tag_ascii_string(Tag::GdalNodata).unwrap(), "-9999");
-        let names = decoder.get_tag_ascii_string(GDAL_METADATA).unwrap();
-        assert!(names.contains(">height<") && names.contains(">sigma of the height<"), "{names}");
-        let DecodingResult::F32(samples) = decoder.read_image().unwrap() else {
-            panic!("expected single precision");
-        };
-        let expected: Vec<f32> = grid().values.iter().flatten().copied().collect();
-        assert_eq!(samples, expected);
-    }
-
-    #[test]
-    fn the_same_grid_gives_the_same_bytes() {
-        assert_eq!(encoded(&grid()).unwrap(), encoded(&grid()).unwrap());
-    }
-
-    #[test]
-    fn a_grid_with_a_wrong_number_of_cells_is_rejected() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tif");
-        for (columns, rows) in [(0, 0), (2, 2)] {
-            let bad = HeightGrid { columns, rows, ..grid() };
-            assert_eq!(write_geotiff(&path, &bad).unwrap_err().kind(), ErrorKind::Input);
-            assert!(!path.exists());
-        }
-    }
 }

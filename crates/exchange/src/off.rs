@@ -24,8 +24,10 @@ use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::polygon::split_polygon;
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// Length of the shortest line of a vertex, `0 0 0`.
-const MIN_LINE_BYTES: u64 = 5;
+/// Length of the shortest line of a vertex, `0 0 0`, with its end.
+const MIN_VERTEX_BYTES: u64 = 6;
+/// Length of the shortest line of a polygon, `0`, with its end.
+const MIN_POLYGON_BYTES: u64 = 2;
 
 /// Reads a mesh.
 ///
@@ -124,8 +126,15 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     // The third count, of edges, is not read, because nothing needs it.
     let [vertices, polygons] =
         [unsigned(&mut rest, at, "a number of vertices")?, unsigned(&mut rest, at, "a number of polygons")?];
-    source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;
-    source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), MIN_LINE_BYTES)?;
+    let of_vertices = vertices.saturating_mul(MIN_VERTEX_BYTES);
+    let of_polygons = polygons.saturating_mul(MIN_POLYGON_BYTES);
+    for (count, what, needed) in
+        [(vertices, "vertices", of_vertices), (polygons, "polygons", of_vertices.saturating_add(of_polygons))]
+    {
+        // The last line of a file may lack its end.
+        let checked = source.check_promise(count, what, needed.saturating_sub(1));
+        checked.map_err(|e| e.in_context(format_args!("line {at}")))?;
+    }
     if vertices > u64::from(u32::MAX) {
         return Err(Error::unsupported(format!(
             "line {at}: expected at most {} vertices, found more",
@@ -133,7 +142,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         )));
     }
     let budget = source.budget().clone();
-    let mut points = Vec::with_capacity(source.reserve(vertices, MIN_LINE_BYTES));
+    let mut points = Vec::with_capacity(source.reserve(vertices, MIN_VERTEX_BYTES));
     for _ in 0..vertices {
         let at = line(source, &mut buffer, "a vertex")?;
         budget.take_elements(1, size_of::<DVec3>() as u64, format_args!("vertices (line {at})"))?;
@@ -147,7 +156,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         }
         points.push(point);
     }
-    let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(source.reserve(polygons, MIN_LINE_BYTES));
+    let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(source.reserve(polygons, MIN_POLYGON_BYTES));
     let mut corners: Vec<u32> = Vec::new();
     for _ in 0..polygons {
         let at = line(source, &mut buffer, "a polygon")?;
@@ -223,7 +232,13 @@ mod tests {
             ("4OFF\n", "line 1"),
             ("OFF BINARY\n", "binary"),
             ("OFF\n3 x 0\n", "line 2: expected a number of polygons"),
-            ("OFF\n3000000 1 0\n", "line 2"),
+            ("OFF\n3000000 1 0\n", "line 2: the header declares 3000000 vertices"),
+            // Fewer bytes follow than these vertices, and then these polygons, take.
+            ("OFF\n4 0 0\n0 0 0\n0 0 0\n", "line 2: the header declares 4 vertices, which take at least 23"),
+            (
+                "OFF\n1 9 0\n0 0 0\n1 0\n1 0\n",
+                "line 2: the header declares 9 polygons, which take at least 23",
+            ),
             ("OFF\n1 0 0\n0 nan 0\n", "line 3: expected a finite coordinate"),
             ("OFF\n1 1 0\n0 0 0\n", "line 4: expected a polygon, found the end of the file"),
             ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: expected the index of a vertex below 1, found 1"),

@@ -1,7 +1,8 @@
 //! Lists of input files, read into one set of scans.
 //!
 //! **Input.** Paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`,
-//! `xyz`, `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans
+//! `xyz`, `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), of height maps (`tif`,
+//! `tiff`), and of lists of scans
 //! (`conf`, `toml`), in any combination.
 //!
 //! **Output.** A [`ScanSet`] in the order of the paths, for any number of threads.
@@ -18,6 +19,7 @@ use rayon::prelude::*;
 
 use crate::depth::{find_calibration, is_depth_image, read_depth};
 use crate::e57::read_e57;
+use crate::geotiff::{HeightScan, is_height_map, read_geotiff};
 use crate::job::read_job;
 use crate::las::read_las_and_map;
 use crate::npy::{read_npy, read_npz};
@@ -174,6 +176,11 @@ impl From<(Scan, Option<Unit>)> for Read {
 }
 
 fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
+    // With a calibration, the readings are distances from a camera.
+    if calibration.is_none() && find_calibration(path, None).is_err() && is_height_map(path) {
+        let HeightScan { scan, unit, georeference } = read_geotiff(path)?;
+        return Ok(Read { scans: vec![scan], unit, calibration: None, georeference });
+    }
     if calibration.is_some() || is_depth_image(path) {
         let calibration = find_calibration(path, calibration)?;
         return Ok(Read { calibration: Some(calibration.clone()), ..read_depth(path, &calibration)?.into() });
@@ -260,7 +267,8 @@ fn read_by_extension(path: &Path) -> Result<Read> {
             }
             Err(Error::unsupported(format!(
                 "{}: expected a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
-                 csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
+                 csv, pts), a depth image (png, tif, tiff), a height map (tif, tiff) or a list of \
+                 scans (conf, toml), found {}",
                 path.display(),
                 describe_extension(path)
             )))

@@ -133,8 +133,8 @@ impl Reader {
 
     fn element(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
         let style = style.of_child(node, &self.sheet);
-        // Hidden elements hide their children, too.
-        if !style.is_shown {
+        // An element that is not displayed leaves out its children, too.
+        if !style.is_displayed {
             return Ok(());
         }
         let own = match node.attribute("transform") {
@@ -183,6 +183,9 @@ impl Reader {
                 return Ok(());
             }
         };
+        if !style.is_visible {
+            return Ok(());
+        }
         // Decided after the geometry is parsed, so that errors in centre lines are reported as well.
         let Some(line_style) = style.line else {
             self.ignore("centre line", self.name(node));

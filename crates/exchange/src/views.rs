@@ -7,7 +7,7 @@
 //! ```toml
 //! unit = "mm"                     # unit of all lengths (optional)
 //! mask_threshold = 40             # the object is brighter (default: middle of the range of the mask)
-//! mask_min_share = 0.01         # removes specks and holes below this share of the pixels of the object
+//! mask_least_share = 0.01       # removes specks and holes below this share of the pixels of the object
 //! sigma_px = 0.5                  # σ of the border of a mask, across it (default 0.5)
 //! sigma_rotation_deg = 1.0        # σ of the pose about and along each axis (default: exact)
 //! sigma_translation = 5.0
@@ -28,7 +28,7 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `mask_min_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be
+//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be
 //! set in a view, and then apply to it alone. Paths are relative to the file.
 //!
 //! **Limits.** Lenses are assumed to be free of distortion.
@@ -46,6 +46,10 @@ use std::path::{Path, PathBuf};
 /// Default σ of the border of a mask in pixels: masks are rounded to whole pixels. Too small a value makes
 /// outlines outweigh points, too large a value ignores them.
 const DEFAULT_SIGMA_PX: f64 = 0.5;
+
+/// Maximum number of views. Each takes time in every step of a fit, and a picture; photogrammetry of an
+/// object takes some hundred pictures.
+pub const MAX_VIEWS: usize = 5000;
 
 /// A view of an object.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,8 +135,8 @@ struct View {
 /// Reads views with their contours and tracks; pictures are not opened.
 ///
 /// # Errors
-/// `Io` if a file cannot be read; `Input` for unknown keys, invalid cameras, σ that are not positive, two
-/// views of one name, and tracks of unknown views: with file and line or view.
+/// `Io` if a file cannot be read; `Input` for unknown keys, more than [`MAX_VIEWS`] views, invalid cameras, σ
+/// that are not positive, two views of one name, and tracks of unknown views: with file and line or view.
 ///
 /// # Examples
 /// ```
@@ -156,6 +160,10 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
          mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, sigma_translation, tracks and unit \
          are optional",
     )?;
+    // Before the files of contours are read.
+    if t.view.len() > MAX_VIEWS {
+        return Err(Error::input(format!("expected at most {MAX_VIEWS} views, found {}", t.view.len())));
+    }
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();
     let mut names: HashSet<String> = HashSet::new();
@@ -406,6 +414,12 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
             parse(&GOOD.replacen(from, to, 1), Path::new("")).unwrap_err().to_string()
         };
         assert!(with("mask =", "maske =").contains("line 4"));
+        let many: String = (0..=MAX_VIEWS).map(|k| format!("[[view]]\nname = \"{k}\"\n")).collect();
+        let error = parse(&many, Path::new("")).unwrap_err().to_string();
+        assert!(
+            error.contains(&format!("expected at most {MAX_VIEWS} views, found {}", MAX_VIEWS + 1)),
+            "{error}"
+        );
         assert!(with("t = [0, 0, 5]\n", "").contains("view `a`: expected K, R and t, or P alone"));
         assert!(with("\"other\"", "\"a\"").contains("two named `a`"));
         assert!(with("sigma_rotation_deg = 1", "sigma_rotation_deg = 0").contains("sigma_rotation_deg"));

@@ -247,6 +247,15 @@ impl MeshSearch {
         feet
     }
 
+    /// Number of triangles that a search of the closest point visits: the cost of the search. It is small for
+    /// a surface, and may be the number of all triangles if they overlap.
+    #[must_use]
+    pub fn visits(&self, point: DVec3) -> usize {
+        let mut visited = 0;
+        self.nearest_slot_counted(point, f64::INFINITY, None, |_| true, &mut visited);
+        visited
+    }
+
     /// The position in leaf order of the nearest accepted triangle within the bound.
     fn nearest_slot(
         &self,
@@ -254,6 +263,18 @@ impl MeshSearch {
         squared_bound: f64,
         hint: Option<u32>,
         accept: impl Fn(&[DVec3; 3]) -> bool,
+    ) -> Option<u32> {
+        self.nearest_slot_counted(p, squared_bound, hint, accept, &mut 0)
+    }
+
+    /// As [`MeshSearch::nearest_slot`]; adds the number of visited triangles to `visited`.
+    fn nearest_slot_counted(
+        &self,
+        p: DVec3,
+        squared_bound: f64,
+        hint: Option<u32>,
+        accept: impl Fn(&[DVec3; 3]) -> bool,
+        visited: &mut usize,
     ) -> Option<u32> {
         if !p.is_finite() {
             return None;
@@ -286,6 +307,7 @@ impl MeshSearch {
         loop {
             let node = &nodes[at as usize];
             if node.count > 0 {
+                *visited += node.count as usize;
                 for slot in node.first..node.first + node.count {
                     visit(slot, &mut best);
                 }

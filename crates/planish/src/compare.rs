@@ -13,20 +13,24 @@
 //! not be the globally nearest ones. They start at the sample whose position and normal agree best, which
 //! keeps the two sides of a thin part apart.
 
+mod effort;
 mod findings;
 mod inputs;
 mod offset;
+mod order;
 pub(crate) mod page;
 
 pub use inputs::{Compared, ComparedMesh, Reference};
 pub use offset::CommonOffset;
 use planish_core::finding::with_warnings;
-use planish_core::{DVec3, Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode, Length};
 
 use crate::assumed_unit::implausible_size;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use crate::saved;
+use effort::closest_of_affordable;
+use order::{Ordered, read_in_order};
 use page::compare_page;
 use planish_core::Progress;
 use planish_estimate::{Error, Result};
@@ -109,8 +113,9 @@ pub struct ComparisonReport {
 pub struct CompareOptions {
     /// Unit of files that state none. The default is the unit of the other file, else millimetres.
     pub unit: Option<Unit>,
-    /// Chord error of the model's mesh, in the model's unit; half the median σ if none is given.
-    pub mesh_tolerance: Option<f64>,
+    /// Chord error of the model's mesh; half the median σ if none is given. Without a unit, it is in that of
+    /// the model.
+    pub mesh_tolerance: Option<Length>,
     /// The part of the model that is compared.
     pub part: ComparedPart,
 }
@@ -207,7 +212,7 @@ pub(crate) fn compared(
     progress.check("backward", 0.0)?;
     let pairs = match model {
         Compared::Surface(model) => surface_pairs(model, &reference, options.part, &mut report.skipped)?,
-        Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, options.part, &mut report.skipped)?,
+        Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, options.part, &mut report)?,
     };
     let mut shown = summarise_backward(&pairs, &reference, &mut report)?;
     progress.check("forward", 0.6)?;
@@ -220,8 +225,9 @@ pub(crate) fn compared(
         let vertices = observed_vertices(model, options, &mut report.skipped)?;
         progress.check("forward", 0.7)?;
         let mesh = TriangleMesh::try_new(reference.points, reference.triangles)?;
-        let feet = MeshSearch::try_new(&mesh)?.closest_all(&vertices);
-        let all = feet.len();
+        let search = MeshSearch::try_new(&mesh)?;
+        let feet = closest_of_affordable(&search, &vertices, "vertices of the model", &mut report.findings);
+        let all = feet.iter().flatten().count();
         let (mut places, mut normals, mut signed) = (Vec::new(), Vec::new(), Vec::new());
         for (vertex, foot) in vertices.iter().zip(feet) {
             // A foot on the boundary measures the distance to an edge, not the deviation of two surfaces.
@@ -248,7 +254,7 @@ pub(crate) fn compared(
 /// A file compared with a reference.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CompareJob {
-    /// A saved model, a mesh, a STEP file or points.
+    /// A saved model, a mesh or a STEP file. Points are exchanged with the reference if that has a surface.
     pub model: PathBuf,
     /// File of the reference.
     pub reference: PathBuf,
@@ -270,15 +276,16 @@ impl Job for CompareJob {
     }
 
     fn execute(&self, progress: &dyn Progress) -> Result<ComparisonReport> {
-        let reference = Reference::read(&self.reference)?;
-        let read = Compared::read(&self.model)?.with_unit_if_unstated(self.options.unit.or(reference.unit));
+        let Ordered { model: read, reference, paths, finding } = read_in_order(&self.model, &self.reference)?;
+        let read = read.with_unit_if_unstated(self.options.unit.or(reference.unit));
         let (mut report, shown) = compared(&read, reference, &self.options, progress)?;
+        report.findings.splice(0..0, finding);
         // The judgement comes first in the report; conversions and assumptions follow.
         report.findings.splice(0..0, findings::judge(&report));
         if let Some(page) = &self.report {
-            let made = compare_page(&read, &report, shown, &self.options, [&self.model, &self.reference])?;
-            let inputs = [(&self.model, "the model"), (&self.reference, "the reference")];
-            page.write(made, &inputs.map(|(path, role)| (path.clone(), role.to_owned())))?;
+            let made = compare_page(&read, &report, shown, &self.options, paths)?;
+            let inputs = [(paths[0], "the model"), (paths[1], "the reference")];
+            page.write(made, &inputs.map(|(path, role)| (path.to_owned(), role.to_owned())))?;
         }
         Ok(report)
     }
@@ -425,9 +432,12 @@ fn mesh_pairs(
     model: &ComparedMesh,
     reference: &Reference,
     part: ComparedPart,
-    skipped: &mut Skipped,
+    report: &mut ComparisonReport,
 ) -> Result<Vec<Pair>> {
-    let feet = MeshSearch::try_new(&model.mesh)?.closest_all(&reference.points);
+    let search = MeshSearch::try_new(&model.mesh)?;
+    let name = "points of the reference";
+    let feet = closest_of_affordable(&search, &reference.points, name, &mut report.findings);
+    let skipped = &mut report.skipped;
     let mut pairs = Vec::with_capacity(feet.len());
     for (point, foot) in feet.into_iter().enumerate() {
         let Some(foot) = foot else { continue };
@@ -464,7 +474,7 @@ fn observed_vertices(
     let (positions, observed): (_, Vec<Observed>) = match model {
         Compared::Surface(model) => {
             let tolerance = match options.mesh_tolerance {
-                Some(tolerance) => tolerance,
+                Some(tolerance) => tolerance.in_unit(model.unit),
                 None => {
                     // A chord error of half the median σ is smaller than the deviations of interest.
                     let wanted = 0.5 * median_sigma(model, &model.posterior()?)?;

@@ -72,11 +72,11 @@ pub struct FitJob {
     /// Distance at which the refinement of a new model stops. It replaces [`FitOptions::tolerance`] and may
     /// have a unit of its own; otherwise it is in the unit of the scans.
     pub tolerance: Option<Length>,
-    /// Chord error of meshes, in the model's unit; half the median σ if none is given.
-    pub mesh_tolerance: Option<f64>,
-    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
-    /// given.
-    pub cell_size: Option<f64>,
+    /// Chord error of meshes; half the median σ if none is given. Without a unit, it is in that of the model.
+    pub mesh_tolerance: Option<Length>,
+    /// Side of the cells of rasters; about the spacing of the readings where none is given. Without a unit,
+    /// it is in that of the model.
+    pub cell_size: Option<Length>,
     /// Keep the parts of a sheet that were neither measured nor inferred in meshes and STEP files.
     pub untrimmed: bool,
     /// Folder for the states of a bending sheet, one model and one mesh per time.
@@ -162,11 +162,9 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     }
     // A list names more inputs than the command line does.
     let read: Vec<PathBuf> = set.inputs.iter().map(|input| input.path.clone()).collect();
-    for output in &outputs {
-        refuse_input_as_output(&output.path, &read)?;
-    }
-    if let Some(page) = &job.report {
-        refuse_input_as_output(&page.path, &read)?;
+    let pages = job.report.iter().map(|page| &page.path);
+    for path in outputs.iter().map(|output| &output.path).chain(pages) {
+        refuse_input_as_output(path, &read)?;
     }
     // Before the fit, which would show lost digits of far coordinates only as noise.
     let in_far_places = check_domain(&set, &names(&job.inputs))?;
@@ -205,13 +203,11 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     report.findings.extend(unsteady_motion_findings(&report));
     // Outputs are prepared in memory first. A failure in one of them then leaves no partial set of files.
     let states = states_to_write(job, &fitted)?;
-    let mut states_prepared = Vec::with_capacity(states.len());
+    let mesh_tolerance = job.mesh_tolerance.map(|length| length.in_unit(fitted.model.unit));
+    let mut states_prepared = Vec::new();
     for (state, outputs) in &states {
-        let options = OutputOptions {
-            mesh_tolerance: job.mesh_tolerance,
-            untrimmed: job.untrimmed,
-            ..OutputOptions::default()
-        };
+        let options =
+            OutputOptions { mesh_tolerance, untrimmed: job.untrimmed, ..OutputOptions::default() };
         states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
     }
     // Drawing can be interrupted, writing cannot.
@@ -238,7 +234,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     if let Some(output) = &job.report {
         let verb = if job.task.model().is_some() { "Updated" } else { "Fitted" };
         let named = Job::inputs(job)?;
-        let page = fit_page(&fitted, &report, &named, job.mesh_tolerance, job.task.gate(), verb)?;
+        let page = fit_page(&fitted, &report, &named, mesh_tolerance, job.task.gate(), verb)?;
         output.write(page, &files_read(job, &set))?;
     }
     progress.advance("done", 1.0);
@@ -333,8 +329,8 @@ fn write(
     findings: &mut Vec<Finding>,
 ) -> Result<Vec<WrittenFile>> {
     let options = OutputOptions {
-        mesh_tolerance: job.mesh_tolerance,
-        cell_size: job.cell_size,
+        mesh_tolerance: job.mesh_tolerance.map(|length| length.in_unit(model.unit)),
+        cell_size: job.cell_size.map(|length| length.in_unit(model.unit)),
         untrimmed: job.untrimmed,
         georeference: set.georeference.clone(),
     };
@@ -539,8 +535,8 @@ fn check_settings(job: &FitJob) -> Result<()> {
     };
     for (name, value) in [
         ("tolerance", job.tolerance.map(|length| length.value).or(tolerance)),
-        ("mesh tolerance", job.mesh_tolerance),
-        ("cell size", job.cell_size),
+        ("mesh tolerance", job.mesh_tolerance.map(|length| length.value)),
+        ("cell size", job.cell_size.map(|length| length.value)),
         ("width of objects on the ground", widest),
     ] {
         // Negated, so that NaN is refused as well.

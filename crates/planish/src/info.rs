@@ -1,15 +1,17 @@
 //! Describes the contents of a file.
 //!
-//! Input: a scan, a list of scans, a mesh, a STEP file or a saved model. Output: a [`FileInfo`]. The whole
-//! file is read, not only the header, so that truncated and malformed files are detected.
+//! Input: a scan, a list of scans, a height map, a mesh, a STEP file, or a saved model. Output: [`FileInfo`].
+//! The whole file is read, not only the header, so that truncated and malformed files are detected.
 
 use planish_core::finding::with_warnings;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
-use planish_estimate::Result;
-use planish_exchange::extension;
-use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::{PolygonMesh, read_mesh};
 use planish_exchange::ply::read_contents;
-use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs, recover_outputs_in_folder_of};
+use planish_exchange::step::read_step;
+use planish_exchange::{
+    FileKind, PosedScan, ScanSet, Unit, extension, read_inputs, recover_outputs_in_folder_of,
+};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
 use planish_surface::export::sigma_summary;
@@ -17,6 +19,7 @@ use planish_surface::fit::SigmaSummary;
 use planish_surface::model::{Observed, ScanPoseReport, SensorReport};
 use planish_surface::saved::{SavedModel, Session, load_with_provenance};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Contents of a file.
@@ -139,9 +142,26 @@ pub struct ScanListInfo {
     pub scans: Vec<ListedScanInfo>,
 }
 
-/// A mesh.
+/// The faces of a STEP file. Faces that an assembly contains several times count as often.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct FacesInfo {
+    /// Number of faces that were triangulated.
+    #[serde(rename = "read")]
+    pub faces: usize,
+    /// Number of faces by the kind of their surface, such as `plane`, including unreadable ones.
+    pub kinds: BTreeMap<&'static str, usize>,
+    /// Faces that cannot be read: number in the file and reason.
+    pub unreadable: Vec<String>,
+    /// Items that are no faces, such as tessellations and wires: keyword and number.
+    pub ignored: BTreeMap<String, usize>,
+}
+
+/// A mesh, or the triangles of faces.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeshInfo {
+    /// The faces of a STEP file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub faces: Option<FacesInfo>,
     /// Vertices.
     pub vertices: usize,
     /// Triangles, after polygons were cut.
@@ -224,33 +244,91 @@ pub struct ModelInfo {
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     // A killed run may have left outputs that are only partly renamed (docs/decisions/0087-output-sets.md).
     recover_outputs_in_folder_of(path);
-    match extension(path).as_str() {
-        "planish" => model(path, unit),
-        "ply" => {
-            let contents = read_contents(path)?;
-            // A file of points may carry an empty list of faces.
-            if contents.count("face") > 0 {
-                mesh(path, read_mesh(path)?, contents.properties("vertex").to_vec(), unit)
-            } else {
-                scans(path, contents.unit, unit)
-            }
-        }
-        // A mesh format without triangles is read again as points, with the columns of a scan.
-        _ if has_faces(path) => match read_mesh(path) {
-            Ok(file) if !file.triangles.is_empty() => {
-                let others = file.columns.iter().map(|(name, _)| name.as_str());
-                let columns = ["x", "y", "z"].into_iter().chain(others).map(str::to_owned).collect();
-                mesh(path, file, columns, unit)
-            }
-            Ok(file) => scans(path, file.unit, unit),
-            Err(e) => Err(e),
+    // The reader of scans explains what is wrong with a file of no kind.
+    match FileKind::of_file(path).unwrap_or(FileKind::Points) {
+        FileKind::Model => model(path, unit),
+        FileKind::Step => step(path, unit),
+        FileKind::Mesh => match MeshFile::read(path, read_mesh)? {
+            MeshFile::Mesh(file, columns) => mesh(path, file, columns, unit),
+            MeshFile::Points(stated) => scans(path, stated, unit),
         },
-        _ => scans(path, None, unit),
+        FileKind::Points | FileKind::ScanList | FileKind::Picture => scans(path, None, unit),
+        other => Err(Error::unsupported(format!(
+            "{}: expected a scan, a list of scans, a mesh, faces or a saved model, found {}",
+            path.display(),
+            other.with_article()
+        ))),
     }
 }
 
+/// A file of a mesh format.
+pub(crate) enum MeshFile {
+    /// Triangles, and the names of the columns of their vertices.
+    Mesh(PolygonMesh, Vec<String>),
+    /// Points only, with their unit. They are read again as a scan, which has other columns.
+    Points(Option<Unit>),
+}
+
+impl MeshFile {
+    /// Reads a file by a reader of meshes.
+    pub(crate) fn read(path: &Path, mut reader: impl FnMut(&Path) -> Result<PolygonMesh>) -> Result<Self> {
+        if extension(path) == "ply" {
+            // The header names more columns than a mesh has. A file of points may carry an empty list of
+            // faces.
+            let contents = read_contents(path)?;
+            return Ok(match contents.count("face") {
+                0 => Self::Points(contents.unit),
+                _ => Self::Mesh(reader(path)?, contents.properties("vertex").to_vec()),
+            });
+        }
+        let file = reader(path)?;
+        if file.triangles.is_empty() {
+            return Ok(Self::Points(file.unit));
+        }
+        let columns = columns_of(&file);
+        Ok(Self::Mesh(file, columns))
+    }
+}
+
+fn columns_of(file: &PolygonMesh) -> Vec<String> {
+    let others = file.columns.iter().map(|(name, _)| name.as_str());
+    ["x", "y", "z"].into_iter().chain(others).map(str::to_owned).collect()
+}
+
+/// Describes the faces of a STEP file and their triangles.
+fn step(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
+    let faces = read_step(path)?;
+    let made = faces.triangles(&faces.fineness(None)).map_err(|e| e.in_context(path.display()))?;
+    let unreadable = made.unreadable.clone();
+    let count = made.faces;
+    let file = made.combined(faces.unit());
+    let columns = columns_of(&file);
+    let mut found = mesh(path, file, columns, unit)?;
+    let mut findings = Vec::new();
+    if let Some(first) = unreadable.first() {
+        findings.push(Finding::new(
+            FindingCode::MeshDefects,
+            format!(
+                "{} of {} faces cannot be read; the first is {first}",
+                unreadable.len(),
+                unreadable.len() + count
+            ),
+        ));
+    }
+    let ignored = faces.ignored().clone();
+    for (kind, count) in &ignored {
+        let text = format!("ignored {count} × {kind}, which has no exact faces");
+        findings.push(Finding::new(FindingCode::EntitiesSkipped, text));
+    }
+    if let Contents::Mesh(mesh) = &mut found.contents {
+        mesh.faces = Some(FacesInfo { faces: count, kinds: faces.faces_by_kind(), unreadable, ignored });
+    }
+    found.findings.splice(0..0, findings);
+    Ok(found)
+}
+
 /// Describes a file of points. Its own unit has priority over the given one.
-fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
+pub(crate) fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
     // A unit in the file has priority over the given one.
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
     // Range scanners write missing readings as NaN, so this is a finding and not an error.
@@ -355,7 +433,12 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
     }
 }
 
-fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>) -> Result<FileInfo> {
+pub(crate) fn mesh(
+    path: &Path,
+    file: PolygonMesh,
+    columns: Vec<String>,
+    unit: Option<Unit>,
+) -> Result<FileInfo> {
     // Completed parts (2) do not count: the summary is that of measured parts.
     let observed: Option<Vec<bool>> = file.column("observed").map(|c| c.iter().map(|&o| o == 1.0).collect());
     let measured = |k: usize| observed.as_ref().is_none_or(|observed| observed[k]);
@@ -390,6 +473,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
         unit: file.unit.or(unit),
         files: vec![path.to_path_buf()],
         contents: Contents::Mesh(MeshInfo {
+            faces: None,
             vertices: check.vertices,
             triangles: check.triangles,
             columns,

@@ -7,13 +7,14 @@
 
 mod drawing;
 mod misses;
+mod nearby_curves;
 mod noisy;
 mod page;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{Finding, FindingCode, Length, Setting};
 use planish_report::numbers::significant;
 
 use crate::graphs::{check_graphs_name, write_graphs};
@@ -48,12 +49,10 @@ pub struct SolidJob {
     /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write. For contours also `.json`: the
     /// dimensions with their σ.
     pub outputs: Vec<PathBuf>,
-    /// Maximum chord error of a mesh, in the unit; [`DEFAULT_CHORD`] times the size of the drawing if none is
-    /// given.
-    pub mesh_tolerance: Option<f64>,
-    /// Coordinates of drawings at most this far apart are joined, in the unit. By default, coordinates are
-    /// used as drawn.
-    pub tolerance: Option<f64>,
+    /// Maximum chord error of a mesh; [`DEFAULT_CHORD`] times the size of the drawing if none is given.
+    pub mesh_tolerance: Option<Length>,
+    /// Coordinates of drawings at most this far apart are joined. By default, coordinates are used as drawn.
+    pub tolerance: Option<Length>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
     /// Unit if no file states one.
@@ -241,7 +240,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     progress.check(planish_core::WRITING_STAGE, 0.9)?;
     // Only the best solid goes to the given name; several would need a number in the name.
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
-    let tolerance = job.mesh_tolerance.unwrap_or(DEFAULT_CHORD * drawing.size());
+    let tolerance = job.mesh_tolerance.map_or(DEFAULT_CHORD * drawing.size(), |length| length.in_unit(unit));
     // All files are made in memory before the first is written.
     let prepared = writing::prepare(job, &accepted[..wanted], tolerance)?;
     let (files, written) = writing::write(job, &prepared, unit)?;
@@ -448,7 +447,7 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         .with_setting(Setting::Tolerance)
         .with_setting(Setting::Level));
     }
-    if let Some(tolerance) = job.mesh_tolerance
+    if let Some(Length { value: tolerance, .. }) = job.mesh_tolerance
         && !(tolerance > 0.0 && tolerance.is_finite())
     {
         return Err(Error::input(format!("expected a mesh tolerance > 0, found {tolerance}")));

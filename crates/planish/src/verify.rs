@@ -7,12 +7,13 @@
 //! |---|---|
 //! | saved model | checksums, ranges, vertices against the information, positive definite information |
 //! | mesh | triangles, `sigma` ≥ 0, `observed` in 0 to 3, materials and texture |
+//! | faces (STEP) | every face |
 //! | list of scans, views | every file that it names |
 //! | others | none |
 //!
 //! Not guaranteed: that contents are right. A file without checksums may be changed so that it stays valid.
 
-use crate::info::{Contents, FileInfo, info};
+use crate::info::{Contents, FileInfo, MeshFile, MeshInfo, info, mesh, scans};
 use crate::job::Job;
 use planish_core::finding::with_warnings;
 use planish_core::{Finding, FindingCode, Progress};
@@ -25,11 +26,11 @@ use planish_exchange::contours::{
 };
 use planish_exchange::depth::find_calibration;
 use planish_exchange::dxf::read_dxf;
-use planish_exchange::mesh::{is_step_file, read_mesh};
+use planish_exchange::mesh::PolygonMesh;
 use planish_exchange::picture::read_picture;
 use planish_exchange::poses::read_poses;
 use planish_exchange::svg::read_svg;
-use planish_exchange::textured::{read_materials, read_textured};
+use planish_exchange::textured::{TexturedMesh, read_materials, read_textured};
 use planish_exchange::views::read_views;
 use planish_exchange::{FileKind, Unit, extension};
 use serde::Serialize;
@@ -157,7 +158,8 @@ impl Checked {
 fn verify(path: &Path, kind: FileKind, unit: Option<Unit>) -> Result<Checked> {
     Ok(match kind {
         FileKind::Model | FileKind::Points | FileKind::ScanList => described(info(path, unit)?),
-        FileKind::Mesh | FileKind::Step => verify_mesh(path, unit)?,
+        FileKind::Mesh => verify_mesh(path, unit)?,
+        FileKind::Step => verify_faces(path, unit)?,
         FileKind::Views => verify_views(path)?,
         FileKind::Poses => Checked::count(read_poses(path)?.poses.len(), "poses"),
         FileKind::DepthCamera => Checked::read(read_calibration(path).map(drop), "depth camera")?,
@@ -219,13 +221,35 @@ fn described(info: FileInfo) -> Checked {
     Checked { contents, findings: info.findings }
 }
 
+/// Checks that every face can be read.
+fn verify_faces(path: &Path, unit: Option<Unit>) -> Result<Checked> {
+    let checked = info(path, unit)?;
+    match &checked.contents {
+        Contents::Mesh(MeshInfo { faces: Some(faces), .. }) if !faces.unreadable.is_empty() => {
+            Err(Error::input(format!(
+                "{} of {} faces cannot be read; the first is {}",
+                faces.unreadable.len(),
+                faces.unreadable.len() + faces.faces,
+                faces.unreadable[0]
+            )))
+        }
+        _ => Ok(described(checked)),
+    }
+}
+
 /// Checks triangles, values of vertices, and texture.
 fn verify_mesh(path: &Path, unit: Option<Unit>) -> Result<Checked> {
-    let checked = described(info(path, unit)?);
-    if is_step_file(path) {
-        return Ok(checked);
-    }
-    let file = read_mesh(path)?;
+    // With materials and texture, where the format has them.
+    let mut missing = Vec::new();
+    let read = |path: &Path| -> Result<PolygonMesh> {
+        let TexturedMesh { points, triangles, columns, unit, findings, .. } = read_textured(path)?;
+        missing = findings;
+        Ok(PolygonMesh { points, triangles, columns, unit })
+    };
+    let (file, columns) = match MeshFile::read(path, read)? {
+        MeshFile::Mesh(file, columns) => (file, columns),
+        MeshFile::Points(stated) => return Ok(described(scans(path, stated, unit)?)),
+    };
     type Valid = fn(f64) -> bool;
     let ranges: [(&str, &str, Valid); 2] = [
         ("sigma", "a number ≥ 0", |sigma| sigma >= 0.0 && sigma.is_finite()),
@@ -241,10 +265,8 @@ fn verify_mesh(path: &Path, unit: Option<Unit>) -> Result<Checked> {
             )));
         }
     }
-    // Only these formats name materials.
-    if matches!(extension(path).as_str(), "obj" | "glb") && !file.triangles.is_empty() {
-        read_textured(path)?;
-    }
+    let mut checked = described(mesh(path, file, columns, unit)?);
+    checked.findings.extend(missing);
     Ok(checked)
 }
 

@@ -78,6 +78,7 @@ use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
 pub use sheet::{Projection, views_of_sheet};
 use std::cmp::Ordering;
+use std::collections::HashMap;
 
 /// Maximum number of candidate surfaces of revolution.
 ///
@@ -96,6 +97,10 @@ const TYPICAL_SIZE: [f64; 2] = [0.1, 1e6];
 ///
 /// A larger value reports narrow gaps as contacts; a smaller one misses contacts of inaccurate drawings.
 const CONTACT_DISTANCE: f64 = 2e-5;
+
+/// Maximum number of arcs, and of lines along no axis, in a view. Each is compared with all others, to find
+/// parts of one curve.
+const MAX_SLANTED: usize = 5000;
 
 /// Maximum number of cell assignments that are turned into solids.
 ///
@@ -273,6 +278,7 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
 
 /// Solves with tangent edges allowed or excluded.
 fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
+    check_slanted(drawing)?;
     let tidy = tidy::tidied(drawing);
     cells::check_size(&tidy)?;
     let plan = drawing_grid::DrawingGrid::new(&tidy);
@@ -403,12 +409,12 @@ fn unexplained(
 ) -> Vec<Unexplained> {
     // One line of the drawing may fail hundreds of tests; a list of all would hide the other lines.
     let mut places: Vec<(Option<LineStyle>, &sight::SightTestPlace, usize)> = Vec::new();
+    let mut known: HashMap<(Option<LineStyle>, usize, Option<usize>), usize> = HashMap::new();
     for (style, place) in found {
-        let same =
-            places.iter_mut().find(|p| p.0 == *style && p.1.view == place.view && p.1.curve == place.curve);
-        match same {
-            Some(same) => same.2 += 1,
-            None => places.push((*style, place, 0)),
+        let next = places.len();
+        match *known.entry((*style, place.view, place.curve)).or_insert(next) {
+            at if at == next => places.push((*style, place, 0)),
+            at => places[at].2 += 1,
         }
     }
     places
@@ -488,6 +494,26 @@ fn solution(
         bodies_touch: contacts.first().is_some_and(|c| c.is_between_bodies),
         touches,
     })
+}
+
+/// Rejects views with more than [`MAX_SLANTED`] arcs and lines along no axis, before they are compared with
+/// each other.
+fn check_slanted(drawing: &Drawing) -> Result<()> {
+    let is_slanted = |curve: &Curve2| match curve {
+        Curve2::Segment(a, b) => a[0] != b[0] && a[1] != b[1],
+        Curve2::Arc { .. } => true,
+        Curve2::Chain(_) => false,
+    };
+    let count = |view: &View| view.curves.iter().filter(|c| is_slanted(&c.curve)).count();
+    match drawing.views.iter().find(|view| count(view) > MAX_SLANTED) {
+        Some(view) => Err(Error::unsupported(format!(
+            "the {} view: expected at most {MAX_SLANTED} arcs and lines along no axis, found {}: draw curves \
+             as splines or arcs instead of many short lines",
+            view.kind.name(),
+            count(view)
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Rejects drawings with fewer than two views or with empty views.

@@ -1,6 +1,9 @@
 //! Valid depth images and pictures.
 
+use super::written;
 use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
+use planish_exchange::geotiff::{HeightGrid, NODATA, write_geotiff};
 use std::io::Cursor;
 
 /// Depth images of 16 and 8 bits.
@@ -23,6 +26,25 @@ pub fn pngs() -> Result<Vec<Vec<u8>>> {
         image(png::BitDepth::Sixteen, &wide).map_err(failed)?,
         image(png::BitDepth::Eight, &narrow).map_err(failed)?,
     ])
+}
+
+/// Height maps with σ and without a cell.
+pub fn geotiffs() -> Result<Vec<Vec<u8>>> {
+    let grid = |values: Vec<[f32; 2]>| HeightGrid {
+        corner: [600_000.0, 4_000_000.0],
+        cell: 0.5,
+        columns: values.len() / 2,
+        rows: 2,
+        values,
+        unit: Unit::Metre,
+        georeference: None,
+    };
+    let heights = |count: u16| (0..count).map(|k| [0.1 * f32::from(k % 7), 0.05]).collect();
+    let with_gap = vec![[1.0, 0.1], [NODATA; 2], [2.0, 0.2], [3.0, 0.1]];
+    [heights(12), with_gap]
+        .map(|values| written(|path| write_geotiff(path, &grid(values)), "map.tif"))
+        .into_iter()
+        .collect()
 }
 
 /// Depth images of 16 bits and of floating point.

@@ -3,15 +3,19 @@
 use super::{CompareArgs, PartName};
 use crate::lines::{Align, Lines};
 use crate::numbers::{count, percent, significant};
+use planish::FindingCode;
 use planish::compare::{ComparisonReport, Deviations};
 
 /// The summary of a comparison.
 pub fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
     let mut lines = Lines::default();
+    let mut files = [&args.model, &args.reference].map(|path| path.display());
+    if report.findings.iter().any(|finding| finding.code == FindingCode::FilesExchanged) {
+        files.reverse();
+    }
+    let [model, reference] = files;
     lines.line(format!(
-        "Deviations of {} from {} in {}; positive on the side that the normals point to.",
-        args.model.display(),
-        args.reference.display(),
+        "Deviations of {model} from {reference} in {}; positive on the side that the normals point to.",
         report.unit
     ));
     lines.gap();

@@ -103,13 +103,13 @@ pub struct FitArgs {
           allow_negative_numbers = true, help_heading = "Surface", hide_short_help = true)]
     pub max_coefficients: usize,
     /// Maximum chord error of meshes, as a length [default: half the median σ]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           help_heading = "Surface", hide_short_help = true)]
-    pub mesh_tolerance: Option<f64>,
+    pub mesh_tolerance: Option<Length>,
     /// Cell size of a .tif raster, as a length [default: about the spacing of the readings]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           help_heading = "Surface", hide_short_help = true)]
-    pub cell_size: Option<f64>,
+    pub cell_size: Option<Length>,
     /// Keep parts of a sheet beyond its readings in meshes and STEP files
     #[arg(long, help_heading = "Surface", hide_short_help = true)]
     pub untrimmed: bool,

@@ -2,7 +2,7 @@
 
 use crate::lines::{Align, Lines, sensor_cells};
 use crate::numbers::{count, counted, percent, significant};
-use planish::info::{BoxInfo, Contents, FileInfo, MeshInfo, ModelInfo, ScanInfo, ScanListInfo};
+use planish::info::{BoxInfo, Contents, FacesInfo, FileInfo, MeshInfo, ModelInfo, ScanInfo, ScanListInfo};
 use planish::{DVec3, Unit};
 use std::path::Path;
 
@@ -176,6 +176,7 @@ fn mesh_text(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
     };
     lines.facts([
         ("unit", unit_or_unknown(lengths)),
+        ("faces", mesh.faces.as_ref().map_or(String::new(), faces)),
         ("columns", mesh.columns.join(" ")),
         ("box", lengths.bounds(&mesh.bounds)),
         (
@@ -207,6 +208,12 @@ fn mesh_text(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
                 .map_or(String::new(), |f| format!("{} of the vertices", percent(f))),
         ),
     ]);
+}
+
+/// Numbers of faces by kind; the triangles follow from them.
+fn faces(found: &FacesInfo) -> String {
+    let kinds: Vec<String> = found.kinds.iter().map(|(kind, n)| format!("{} {kind}", count(*n))).collect();
+    kinds.join(", ")
 }
 
 fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {

@@ -100,6 +100,7 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A long SVG entity that is used very often", "solid entities.svg top.dxf -o old.step", 2),
     ("A hundred thousand copies of a STEP face", "view copies.step -o copies.png", 0),
     ("A material whose picture is a device", "shell pose device.obj --poses up.toml -o posed.glb", 0),
+    ("Fifty thousand views", "shell fit ball.obj --silhouettes many_views.toml -o old.ply", 2),
     ("A maximum memory without its unit", "fit good.xyz --max-memory 8", 2),
     ("A wrong option with `--json`", "fit good.xyz --gate 0 --json", 2),
 ];
@@ -341,6 +342,8 @@ fn fill_small_files(folder: &Path) {
     let header = [&40_000_u32.to_be_bytes()[..], &38_000_u32.to_be_bytes(), &[8, 0, 0, 0, 0]].concat();
     let png = [chunk(b"IHDR", &header), chunk(b"IDAT", &[0; 1_500_000]), chunk(b"IEND", b"")].concat();
     write("pixels.png", &[&b"\x89PNG\r\n\x1a\n"[..], &png[..]].concat());
+    let view = |k: u32| format!("[[view]]\nname = \"{k}\"\nmask = \"mask.pgm\"\n");
+    write("many_views.toml", (0..50_000).map(view).collect::<String>().as_bytes());
     write("pixels.toml", b"fx = 1\nfy = 1\ncx = 0\ncy = 0\nscale = 0.001\n");
     let uses = "<path d='&long;'/>\n".repeat(27_000);
     let long = "M0 0L1 1".repeat(50_000);

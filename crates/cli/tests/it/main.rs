@@ -12,6 +12,7 @@ mod errors;
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 mod faults;
 mod findings;
+mod formats;
 mod help;
 mod hostile;
 mod json;

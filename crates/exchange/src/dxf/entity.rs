@@ -9,6 +9,8 @@ use std::f64::consts::TAU;
 /// Number of segments of an ellipse. Chords deviate by 0.2 % of the radius (1 − cos(π/48)); more segments
 /// reduce the deviation and enlarge the drawing.
 const CURVE_SEGMENTS: usize = 48;
+/// Number of segments of a span of a spline.
+const SPAN_SEGMENTS: usize = 8;
 
 /// Curves of an entity; none if its kind draws no edges.
 pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
@@ -186,6 +188,7 @@ fn spline(record: &Record) -> Result<Curve2> {
         || poles.len() <= degree
         || knots.len() != poles.len() + degree + 1
         || !ascending
+        || knots[degree] >= knots[poles.len()]
     {
         return Err(Error::input(format!(
             "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} \
@@ -194,24 +197,16 @@ fn spline(record: &Record) -> Result<Curve2> {
             knots.len()
         )));
     }
+    let at = |span: usize, t: f64| de_boor(&poles, &knots, &weights, degree, span, t);
     let mut chain = Vec::new();
-    for j in degree..poles.len() {
-        // Repeated knots bound empty spans.
-        if knots[j + 1] <= knots[j] {
-            continue;
-        }
-        for k in 0..8 {
-            chain.push(de_boor(
-                &poles,
-                &knots,
-                &weights,
-                degree,
-                j,
-                knots[j] + (knots[j + 1] - knots[j]) * k as f64 / 8.0,
-            ));
-        }
+    // Repeated knots bound empty spans.
+    let spans = || (degree..poles.len()).filter(|&j| knots[j] < knots[j + 1]);
+    for j in spans() {
+        let step = (knots[j + 1] - knots[j]) / SPAN_SEGMENTS as f64;
+        chain.extend((0..SPAN_SEGMENTS).map(|k| at(j, knots[j] + step * k as f64)));
     }
-    chain.extend(poles.last());
+    // The last pole is the end only if the last knot has full multiplicity.
+    chain.extend(spans().next_back().map(|j| at(j, knots[j + 1])));
     Ok(Curve2::Chain(chain))
 }
 

@@ -88,6 +88,24 @@ fn an_old_polyline_has_lines_and_arcs() {
 }
 
 #[test]
+fn a_spline_ends_where_its_knots_end() {
+    // A quadratic with uniform knots: it begins and ends midway between two poles.
+    let poles = "10 0 20 0 10 2 20 0 10 2 20 4 10 0 20 4";
+    let knots = |all: &str| all.split(' ').map(|k| format!("40 {k} ")).collect::<String>();
+    let ends = |all: &str| {
+        let found = drawn("", &format!("0 SPLINE 71 2 {}{poles}", knots(all))).unwrap();
+        let Curve2::Chain(chain) = &found.curves[0].curve else { panic!() };
+        [chain[0], chain[chain.len() - 1]]
+    };
+    assert_eq!(ends("0 1 2 3 4 5 6"), [[1.0, 0.0], [1.0, 4.0]]);
+    assert_eq!(ends("0 0 0 1 2 2 2"), [[0.0, 0.0], [0.0, 4.0]]);
+    // Clamped at the start only.
+    assert_eq!(ends("0 0 0 1 2 3 4"), [[0.0, 0.0], [1.0, 4.0]]);
+    let e = drawn("", &format!("0 SPLINE 71 2 {}{poles}", knots("1 1 1 1 1 1 1"))).unwrap_err().to_string();
+    assert!(e.contains("expected ascending knots"), "{e}");
+}
+
+#[test]
 fn ignored_entities_are_counted_and_the_first_is_named() {
     let found = drawn(
         "",

@@ -13,9 +13,10 @@ use planish_estimate::{Error, Result};
 use planish_sense::{RangeGrid, Scan};
 
 use crate::Unit;
-use crate::atomic::write_atomically;
+use crate::atomic::write_packed;
 
-/// Writes a scan; [`read_scan`](super::read_scan) returns the same numbers.
+/// Writes a scan, compressed if the path ends with `.gz`; [`read_scan`](super::read_scan) returns the same
+/// numbers.
 ///
 /// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance
 /// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Pose, viewing direction and the number
@@ -40,7 +41,7 @@ use crate::atomic::write_atomically;
 pub fn write_scan(path: &Path, scan: &Scan, unit: Option<Unit>) -> Result<()> {
     // Before anything is written, because the header declares one count for all columns.
     check(scan).map_err(|e| e.in_context(path.display()))?;
-    write_atomically(path, |writer| write_to(writer, scan, unit))
+    write_packed(path, |mut writer| write_to(&mut writer, scan, unit))
 }
 
 fn check(scan: &Scan) -> Result<()> {
@@ -162,7 +163,6 @@ mod tests {
     #[test]
     fn written_scans_read_back_unchanged() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.ply");
         let full = Scan {
             name: "a.ply".to_owned(),
             points: vec![DVec3::new(0.1, 1.0 / 3.0, -2e-7), DVec3::new(4.0, 5.0, 6.0)],
@@ -183,8 +183,12 @@ mod tests {
             grid: None,
             ..full.clone()
         };
-        for scan in [full, plain] {
+        for (scan, name) in [(full, "a.ply"), (plain.clone(), "a.ply"), (plain, "b.ply.gz")] {
+            let path = folder.path().join(name);
             write_scan(&path, &scan, Some(Unit::Inch)).unwrap();
+            // The first bytes of a gzip file (RFC 1952).
+            let bytes = std::fs::read(&path).unwrap();
+            assert_eq!(bytes.starts_with(&[0x1f, 0x8b]), name.ends_with(".gz"));
             let read = read_scan(&path).unwrap();
             assert_eq!(read.points, scan.points);
             assert_eq!((read.sigma, read.covariance), (scan.sigma, scan.covariance));

@@ -61,6 +61,7 @@ pub struct StepFaces {
     size: f64,
     /// Size of the file in bytes, which limits its triangles.
     length: u64,
+    ignored: Ignored,
 }
 
 /// The faces of a file as triangles.
@@ -140,13 +141,21 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
             mesh.unreadable.len() + mesh.faces
         ))));
     }
-    let mut combined = PolygonMesh { unit: faces.unit(), ..PolygonMesh::default() };
-    for part in mesh.parts {
-        let first = combined.points.len() as u32;
-        combined.points.extend(part.points);
-        combined.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+    Ok(mesh.combined(faces.unit()))
+}
+
+impl StepMesh {
+    /// All parts as one mesh; their vertices are not merged.
+    #[must_use]
+    pub fn combined(self, unit: Option<Unit>) -> PolygonMesh {
+        let mut combined = PolygonMesh { unit, ..PolygonMesh::default() };
+        for part in self.parts {
+            let first = combined.points.len() as u32;
+            combined.points.extend(part.points);
+            combined.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+        }
+        combined
     }
-    Ok(combined)
 }
 
 /// Items other than faces, with their number by keyword.
@@ -158,6 +167,26 @@ impl StepFaces {
     #[must_use]
     pub fn unit(&self) -> Option<Unit> {
         self.unit
+    }
+
+    /// Items that are no faces, such as tessellations and wires, with their number by keyword.
+    #[must_use]
+    pub fn ignored(&self) -> &BTreeMap<String, usize> {
+        &self.ignored
+    }
+
+    /// Number of faces by the kind of their surface, such as `plane`; a face that an assembly contains
+    /// several times counts as often. Faces that cannot be read count as `unreadable`.
+    #[must_use]
+    pub fn faces_by_kind(&self) -> BTreeMap<&'static str, usize> {
+        let mut counts = BTreeMap::new();
+        for Placed { read, motions } in &self.shapes {
+            let kinds = read.shape.faces.iter().map(|face| face.surface.kind());
+            for kind in kinds.chain(read.unreadable.iter().map(|_| "unreadable")) {
+                *counts.entry(kind).or_default() += motions.len();
+            }
+        }
+        counts
     }
 
     /// Diagonal of the bounding box of all faces, in the unit.
@@ -223,7 +252,7 @@ impl StepFaces {
             }));
         }
         let size = extent_of(&shapes);
-        Ok(Self { shapes, unit, size, length: bytes.len() as u64 })
+        Ok(Self { shapes, unit, size, length: bytes.len() as u64, ignored })
     }
 
     /// Triangulates all faces.

@@ -4,10 +4,14 @@ use super::{ARC_TOLERANCE, number, unit_arc};
 use crate::affine::Affine;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// Number of segments of a Bézier curve.
 const CURVE_SEGMENTS: usize = 48;
+
+/// Minimum angle of an arc in radians; shorter ones become their chord. The arc leaves the chord by 1e-25 of
+/// the radius, and rounding moves the ends of an arc by 1e-16 of it, which is 1e-4 of such a chord.
+const MIN_SWEEP: f64 = 1e-12;
 
 /// Tokens of a path: letters, numbers and flags.
 struct Words<'a> {
@@ -247,11 +251,13 @@ fn arc(
     let center = [sign * root * p[1], -sign * root * p[0]];
     let begin = (p[1] - center[1]).atan2(p[0] - center[0]);
     let end = (-p[1] - center[1]).atan2(-p[0] - center[0]);
-    let sweep = match is_clockwise {
-        true => (end - begin).rem_euclid(TAU),
-        false => (begin - end).rem_euclid(TAU),
-    };
-    let sweep = if sweep < 1e-12 { PI } else { sweep };
+    // From the chord: the difference of both angles is lost in rounding where the ends are close.
+    let short = 2.0 * (length / enlarged).min(1.0).asin();
+    let sweep = if is_large { TAU - short } else { short };
+    // Shorter arcs cannot be told from their chord, but their centre would move their ends.
+    if sweep < MIN_SWEEP {
+        return Some(Curve2::Segment(from, to));
+    }
     let scale = [rx * enlarged, ry * enlarged];
     let columns = [[cos * scale[0], sin * scale[0]], [-sin * scale[1], cos * scale[1]]];
     let place = Affine { columns, origin: [0.0; 2] };

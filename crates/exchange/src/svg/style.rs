@@ -16,7 +16,8 @@ pub(super) struct Sheet(HashMap<String, Declared>);
 /// What rules declare, each with the number of its rule: of several rules, the last one counts.
 #[derive(Clone, Copy, Default)]
 struct Declared {
-    is_shown: Option<(usize, bool)>,
+    is_displayed: Option<(usize, bool)>,
+    is_visible: Option<(usize, bool)>,
     line: Option<(usize, Option<LineStyle>)>,
 }
 
@@ -32,10 +33,11 @@ impl Declared {
 
     fn parse_one(name: &str, value: &str, number: usize) -> Self {
         match (name, value) {
-            ("display", "none") | ("visibility", "hidden" | "collapse") => {
-                Self { is_shown: Some((number, false)), ..Self::default() }
+            ("display", value) => Self { is_displayed: Some((number, value != "none")), ..Self::default() },
+            ("visibility", "hidden" | "collapse") => {
+                Self { is_visible: Some((number, false)), ..Self::default() }
             }
-            ("visibility", "visible") => Self { is_shown: Some((number, true)), ..Self::default() },
+            ("visibility", "visible") => Self { is_visible: Some((number, true)), ..Self::default() },
             ("stroke-dasharray", "inherit") => Self::default(),
             ("stroke-dasharray", _) => Self { line: Some((number, dashed(value))), ..Self::default() },
             _ => Self::default(),
@@ -44,7 +46,11 @@ impl Declared {
 
     /// Both together. Of two values, the one of the later rule counts, and of one rule that of `other`.
     fn followed_by(self, other: Self) -> Self {
-        Self { is_shown: later(self.is_shown, other.is_shown), line: later(self.line, other.line) }
+        Self {
+            is_displayed: later(self.is_displayed, other.is_displayed),
+            is_visible: later(self.is_visible, other.is_visible),
+            line: later(self.line, other.line),
+        }
     }
 }
 
@@ -80,12 +86,15 @@ impl Sheet {
 pub(super) struct Style {
     /// Style of lines; none for centre lines.
     pub(super) line: Option<LineStyle>,
-    pub(super) is_shown: bool,
+    /// False if the element and everything in it are left out (`display`).
+    pub(super) is_displayed: bool,
+    /// False if the element is not drawn (`visibility`). Children may be visible again.
+    pub(super) is_visible: bool,
 }
 
 impl Default for Style {
     fn default() -> Self {
-        Self { line: Some(LineStyle::Visible), is_shown: true }
+        Self { line: Some(LineStyle::Visible), is_displayed: true, is_visible: true }
     }
 }
 
@@ -123,7 +132,8 @@ impl Style {
     }
 
     fn declare(&mut self, declared: Declared) {
-        self.is_shown = declared.is_shown.map_or(self.is_shown, |(_, is_shown)| is_shown);
+        self.is_displayed = declared.is_displayed.map_or(self.is_displayed, |(_, displayed)| displayed);
+        self.is_visible = declared.is_visible.map_or(self.is_visible, |(_, visible)| visible);
         self.line = declared.line.map_or(self.line, |(_, line)| line);
     }
 }

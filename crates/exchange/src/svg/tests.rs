@@ -113,6 +113,33 @@ fn dashes_are_hidden_lines_and_dash_dots_centre_lines() {
 }
 
 #[test]
+fn a_visible_child_of_a_hidden_group_is_drawn_but_not_one_of_a_group_without_display() {
+    let drawing = drawn(
+        "<g visibility='hidden'><line x2='1'/><line x2='2' visibility='visible'/>\
+         <g><line x2='3'/><line x2='4' style='visibility:visible'/></g></g>\
+         <g display='none'><line x2='5' visibility='visible'/><line x2='6' display='inline'/></g>\
+         <line x2='7'/>",
+    );
+    let lengths: Vec<f64> = drawing.curves.iter().map(|c| c.curve.length()).collect();
+    assert_eq!(lengths, [4.0, 8.0, 14.0]);
+}
+
+#[test]
+fn arcs_between_close_points_are_short_or_nearly_whole_turns() {
+    // The ends are closer than the rounding of the angles, then a little farther apart.
+    for gap in [1e-17, 1e-14, 1e-9, 1e-5] {
+        for (large, wanted) in [(0, gap), (1, 2.0 * PI * 10.0 - gap)] {
+            for sweep in [0, 1] {
+                let curve = one(&format!("<path d='M0 0A10 10 0 {large} {sweep} {gap} 0'/>"));
+                // One user unit is 2 mm.
+                let length = curve.length() / 2.0;
+                assert!((length - wanted).abs() <= 1e-6 * wanted, "{large} {sweep} {gap}: {length}");
+            }
+        }
+    }
+}
+
+#[test]
 fn texts_and_lines_without_length_are_ignored_with_a_warning() {
     let drawing = drawn("<text id='t7'>40</text><line id='dot' x1='3' x2='3'/><line x2='1'/>");
     assert_eq!(drawing.curves.len(), 1);

@@ -1,6 +1,7 @@
 //! Reads the files of a drawing as views in one frame, and checks them for errors.
 
 use super::misses::{nearly_equal_extents, nearly_meeting_ends};
+use super::nearby_curves::NearbyCurves;
 use super::{SolidJob, kinds};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
@@ -71,12 +72,12 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawi
             views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
     // Joining comes before the check of extents, because it can make them equal.
-    if let Some(tolerance) = job.tolerance {
+    let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
+    if let Some(tolerance) = job.tolerance.map(|length| length.in_unit(unit)) {
         drawing = joined(&drawing, tolerance)
             .map_err(|e| e.in_context(format!("tolerance {tolerance:e}")).with_setting(Setting::Tolerance))?;
     }
     check_extents(&drawing, &job.views)?;
-    let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
     check_size(&drawing, unit, job)?;
     Ok((drawing, unit))
 }
@@ -194,6 +195,7 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let near = MEETING_TOLERANCE * drawing.size();
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
+        let Some(nearby) = NearbyCurves::new(view, near) else { continue };
         let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();
         for (k, chain) in
             chains.iter().enumerate().filter(|(k, _)| view.curves[*k].style == LineStyle::Visible)
@@ -203,15 +205,17 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
                 continue;
             }
             for end in ends {
-                let touches = |(other, points): (usize, &Vec<[f64; 2]>)| {
+                let touches = |other: &usize| {
+                    let (other, points) = (*other, &chains[*other]);
                     // An arc's points are apart: its chords miss it by up to a thousandth of its radius.
                     let reach = match &view.curves[other].curve {
                         Curve2::Arc { radius, .. } => near + 1e-3 * radius,
                         _ => near,
                     };
-                    other != k && points.windows(2).any(|p| distance_to_segment(end, p[0], p[1]) <= reach)
+                    points.windows(2).any(|p| distance_to_segment(end, p[0], p[1]) <= reach)
                 };
-                if !chains.iter().enumerate().any(touches) {
+                let Some(others) = nearby.around(end, k) else { return summary(found).collect() };
+                if !others.iter().any(touches) {
                     let text = format!(
                         "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: check whether \
                          the outline is open",

@@ -1,6 +1,7 @@
 //! Near misses in a drawing: line ends that almost meet, and views whose sizes almost agree. They are
 //! reported if no solid was found.
 
+use super::nearby_curves::NearbyCurves;
 use planish_core::{Finding, FindingCode, Setting};
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;
@@ -71,6 +72,7 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<F
             let points = curve.points();
             distance(points[0], points[points.len() - 1]) <= same
         };
+        let Some(nearby) = NearbyCurves::new(view, nearly) else { continue };
         for (k, drawn) in view.curves.iter().enumerate() {
             // Hidden lines end behind others, and closed curves have no ends.
             if drawn.style != LineStyle::Visible || is_closed(&drawn.curve) {
@@ -78,9 +80,9 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<F
             }
             let points = drawn.curve.points();
             for end in [points[0], points[points.len() - 1]] {
-                let others = view.curves.iter().enumerate().filter(|(other, _)| *other != k);
-                let nearest = others
-                    .map(|(_, other)| (nearest_on_curve(&other.curve, end), &other.entity))
+                let Some(others) = nearby.around(end, k) else { return found };
+                let nearest = (others.into_iter().map(|other| &view.curves[other]))
+                    .map(|other| (nearest_on_curve(&other.curve, end), &other.entity))
                     .map(|(at, entity)| (distance(at, end), at, entity))
                     .min_by(|a, b| a.0.total_cmp(&b.0));
                 if let Some((off, at, entity)) = nearest

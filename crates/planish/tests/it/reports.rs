@@ -64,7 +64,7 @@ fn a_report_of_a_fit_contains_the_figures_of_its_files() {
     let job = FitJob {
         inputs: vec![pebble().join("job.toml")],
         outputs: vec![mesh.clone()],
-        mesh_tolerance: Some(0.05),
+        mesh_tolerance: Some(0.05.into()),
         report: Some(output(page.clone())),
         ..FitJob::default()
     };
@@ -145,7 +145,7 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     let job = FitJob {
         inputs: vec![pebble().join("job.toml")],
         outputs: vec![mesh.clone(), model.clone()],
-        mesh_tolerance: Some(0.05),
+        mesh_tolerance: Some(0.05.into()),
         ..FitJob::default()
     };
     job.run(&Silent).unwrap();

@@ -170,7 +170,7 @@ fn meshes_are_closed_and_satisfy_the_tolerance() {
     let job = |tolerance: f64| SolidJob {
         views: bracket(),
         outputs: outputs.clone(),
-        mesh_tolerance: Some(tolerance),
+        mesh_tolerance: Some(tolerance.into()),
         ..SolidJob::default()
     };
     let mut triangles = 0;

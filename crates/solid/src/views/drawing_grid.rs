@@ -416,12 +416,13 @@ fn grid_of(
 ) -> [Vec<f64>; 3] {
     for (kind, on_grid, carriers, _) in found {
         let axes = kind.axes();
-        let mut lines: Vec<(usize, f64)> = on_grid.iter().map(|(a, at, _)| (*a, *at)).collect();
+        // Stable, so that the runs of a line keep their order.
+        let mut lines: Vec<&(usize, f64, Run)> = on_grid.iter().collect();
         lines.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        lines.dedup();
-        for (axis, at) in lines {
+        for line in lines.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let (axis, at) = (line[0].0, line[0].1);
             grid[axes[axis]].push(at);
-            let runs: Vec<Run> = on_grid.iter().filter(|g| g.0 == axis && g.1 == at).map(|g| g.2).collect();
+            let runs: Vec<Run> = line.iter().map(|g| g.2).collect();
             // Ends of the merged runs only: cuts within a line, as exporters make at crossings, need no grid
             // line.
             for stretch in stretches(&runs, gap) {

@@ -18,6 +18,9 @@ const MIN_GAP: f64 = 2e-3;
 /// A larger value accepts views of different scales; a smaller one rejects inaccurate drawings.
 const MAX_MISALIGNMENT: f64 = 2e-3;
 
+/// Maximum number of groups while curves are joined. Each curve is compared with all groups.
+const MAX_GROUPS: usize = 2000;
+
 /// Placement of the views around the front view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
@@ -60,7 +63,7 @@ struct CurveCluster {
 /// `Input` if there are fewer than two groups of curves, or a group is not where the convention places a
 /// view. The message names an entity of the group.
 pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<Drawing> {
-    let groups = groups(curves);
+    let groups = groups(curves)?;
     let (lo, hi) = groups.iter().fold((f64::MAX, f64::MIN), |(lo, hi), g| {
         (lo.min(g.span[0][0]).min(g.span[1][0]), hi.max(g.span[0][1]).max(g.span[1][1]))
     });
@@ -128,12 +131,18 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
 }
 
 /// Groups of curves whose boxes touch.
-fn groups(curves: &[DrawnCurve]) -> Vec<CurveCluster> {
+fn groups(curves: &[DrawnCurve]) -> Result<Vec<CurveCluster>> {
     let mut groups: Vec<CurveCluster> = Vec::new();
     let boxes: Vec<[[f64; 2]; 2]> = curves.iter().map(|c| span_of(&c.curve)).collect();
     let size = boxes.iter().flatten().fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(s[0]), hi.max(s[1])));
     let gap = MIN_GAP * (size.1 - size.0);
-    for (index, span) in boxes.into_iter().enumerate() {
+    // Long curves first, because nearly all others then join the group of an outline at once. The result does
+    // not depend on the order.
+    let extent = |k: usize| boxes[k].iter().map(|s| s[1] - s[0]).fold(0.0, f64::max);
+    let mut order: Vec<usize> = (0..boxes.len()).collect();
+    order.sort_by(|a, b| extent(*b).total_cmp(&extent(*a)));
+    for index in order {
+        let span = boxes[index];
         let mut joined = CurveCluster { curves: vec![index], span };
         // A joined box is larger and may touch further groups, so this repeats until none touches it.
         loop {
@@ -145,18 +154,29 @@ fn groups(curves: &[DrawnCurve]) -> Vec<CurveCluster> {
             let Some(at) = groups.iter().position(touches) else {
                 break;
             };
-            let other = groups.swap_remove(at);
+            let mut other = groups.swap_remove(at);
+            // The longer list grows, so that a curve is copied a few times only.
+            if other.curves.len() > joined.curves.len() {
+                std::mem::swap(&mut other.curves, &mut joined.curves);
+            }
             joined.curves.extend(other.curves);
             for k in 0..2 {
                 joined.span[k] =
                     [joined.span[k][0].min(other.span[k][0]), joined.span[k][1].max(other.span[k][1])];
             }
         }
-        joined.curves.sort_unstable();
         groups.push(joined);
+        if groups.len() > MAX_GROUPS {
+            return Err(Error::input(format!(
+                "expected two or three separate views on one sheet, found more than {MAX_GROUPS} groups of \
+                 lines that do not touch"
+            )));
+        }
     }
+    // Once at the end: groups may be joined many times.
+    groups.iter_mut().for_each(|group| group.curves.sort_unstable());
     groups.sort_by_key(|g| g.curves[0]);
-    groups
+    Ok(groups)
 }
 
 fn span_of(curve: &Curve2) -> [[f64; 2]; 2] {
