@@ -232,6 +232,8 @@ codes! {
         "Few crossings of stripes agree with the calibration.",
     BrightnessInconsistent = "brightness-inconsistent", Warning:
         "Brightness differs from that of a matte surface.",
+    NormalsMissing = "normals-missing", Warning: "Many pixels of the object have no normal.",
+    ImagesSaturated = "images-saturated", Warning: "Saturated readings were not used.",
     DepthCoarse = "depth-coarse", Warning: "The depth image has only 8 bits.",
     StripWithoutMesh = "strip-without-mesh", Warning: "A strip of occluding contours has no triangles.",
     StripWithoutSpline = "strip-without-spline", Warning:

@@ -75,6 +75,52 @@ impl Picture {
         };
         Image::try_new(self.columns, self.rows, values)
     }
+
+    /// Computes the brightness of every pixel under a light of unit strength: each channel is divided by the
+    /// `intensity` of the light in red, green and blue. Pixels with a channel of `saturation` or more are NaN.
+    ///
+    /// # Errors
+    /// As [`Image::try_new`].
+    pub fn brightness_under(&self, intensity: [f64; 3], saturation: f32) -> Result<Image> {
+        let [red, green, blue] = intensity.map(|i| i as f32);
+        let grey = 0.299 * red + 0.587 * green + 0.114 * blue;
+        let of_pixel = |p: &[f32]| match *p {
+            _ if p.iter().any(|c| *c >= saturation) => f32::NAN,
+            [r, g, b] => 0.299 * r / red + 0.587 * g / green + 0.114 * b / blue,
+            _ => p[0] / grey,
+        };
+        let values = self.values.chunks_exact(self.channels).map(of_pixel).collect();
+        Image::try_new(self.columns, self.rows, values)
+    }
+}
+
+/// The value from which readings of pictures of one camera are saturated; infinite if none are.
+///
+/// Integers are saturated near white. Any camera is saturated where its largest value, below white, occurs
+/// more often than the 2 % of the scale below it, because clipping collects all that is brighter.
+#[must_use]
+pub fn saturation_of(pictures: &[Picture]) -> f32 {
+    /// Share of white from which integers count as saturated: compression blurs clipped areas by some levels.
+    const NEAR_WHITE: f32 = 0.985;
+    /// Width of the levels that are compared, as shares of the largest value.
+    const TOP: f32 = 0.999;
+    const BELOW: f32 = 0.98;
+    /// Fewer readings at the largest value are chance.
+    const MIN_CLIPPED: usize = 16;
+    /// Fewer different values are those of a rendered flat object, not of a camera.
+    const MIN_LEVELS: usize = 64;
+    let values = || pictures.iter().flat_map(|p| &p.values).copied();
+    let largest = values().fold(0.0, f32::max);
+    let near_white = pictures.iter().map(|p| p.white).fold(0.0, f32::max);
+    // Numbers in floating point have no largest value.
+    let level = if near_white > 1.0 { NEAR_WHITE * near_white } else { f32::INFINITY };
+    let clipped = values().filter(|v| *v >= TOP * largest).count();
+    let below = values().filter(|v| (BELOW * largest..TOP * largest).contains(v)).count();
+    if clipped < MIN_CLIPPED || clipped <= below {
+        return level;
+    }
+    let levels: std::collections::BTreeSet<u32> = values().map(f32::to_bits).take(1 << 20).collect();
+    if levels.len() < MIN_LEVELS { level } else { level.min(NEAR_WHITE * largest) }
 }
 
 /// Reads the brightness of a picture.

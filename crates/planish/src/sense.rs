@@ -14,10 +14,12 @@
 //! pictures must be undistorted.
 
 mod front_ends;
+mod photometric;
 
 use crate::job::Job;
 use crate::output::{as_text, refuse_input_as_output};
-use front_ends::{depth, grid, normal_map, photometric, stereo};
+use front_ends::{depth, grid, normal_map, stereo};
+use photometric::photometric;
 use planish_core::finding::with_warnings;
 use planish_core::{Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
@@ -192,9 +194,15 @@ pub struct SenseReport {
     /// Share of ambient light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient: Option<f64>,
-    /// σ of the brightness, in the images' scale.
+    /// σ of the brightness due to noise, in the images' scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_brightness: Option<f64>,
+    /// σ of the errors of lights and of the law of reflection, as a share of the brightness.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model_error: Option<f64>,
+    /// Readings of brightness by their use.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub readings: BTreeMap<&'static str, usize>,
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Option<Unit>,
@@ -225,6 +233,8 @@ struct Sensed {
     enlarged: Option<f64>,
     ambient: Option<f64>,
     sigma_brightness: Option<f64>,
+    model_error: Option<f64>,
+    readings: BTreeMap<&'static str, usize>,
     unit: Option<Unit>,
     /// Files that a calibration named.
     more_inputs: Vec<PathBuf>,
@@ -315,6 +325,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         enlarged: sensed.enlarged,
         ambient: sensed.ambient,
         sigma_brightness: sensed.sigma_brightness,
+        model_error: sensed.model_error,
+        readings: sensed.readings,
         unit,
         inputs,
         written,

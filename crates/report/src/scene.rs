@@ -20,9 +20,9 @@ pub struct SeenBy {
     /// Names of the scans.
     pub names: Vec<String>,
     /// The sets of scans that occur, as indices into `names`.
-    pub sets: Vec<Vec<u16>>,
+    pub sets: Vec<Vec<u32>>,
     /// For each vertex, the index of its set.
-    pub of_vertex: Vec<u16>,
+    pub of_vertex: Vec<u32>,
 }
 
 /// A triangle surface in the 3D view.
@@ -167,7 +167,7 @@ impl Scene {
                     made["sets"] = json!({
                         "names": seen.names,
                         "sets": seen.sets,
-                        "of_vertex": packed("u16", seen.of_vertex.iter().flat_map(|k| k.to_le_bytes())),
+                        "of_vertex": packed("u32", seen.of_vertex.iter().flat_map(|k| k.to_le_bytes())),
                     });
                 }
                 made

@@ -58,7 +58,7 @@ pub use normals::{
     ray_at, scan_geometry,
 };
 pub use photometric::{
-    NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals,
+    NormalMap, PhotometricOptions, ReadingCounts, lights_from_ball, normals_from_colours, photometric_normals,
 };
 pub use planish_core::{Pinhole, Pose};
 pub use rectify::{LensCamera, Rectification, StereoRig};

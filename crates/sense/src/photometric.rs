@@ -7,14 +7,13 @@
 //! linearly.
 //!
 //! A matte surface (Lambert) of albedo ρ and normal n under light l has the brightness
-//! `I = ρ (max(n·l, 0) + a)`, with an ambient share a common to all pixels. For each pixel `b = ρ n` is found
-//! by least squares with weights that reject shadows and highlights: readings below a share of the pixel's
-//! brightest have weight 0, and residuals r have the weight `(1 + (r/cs)²)⁻²` (Geman and McClure 1987). In
-//! the last round, residuals within three scales have weight 1 and all others 0. The ambient share a
-//! minimises the residuals over the image.
+//! `I = ρ (max(n·l, 0) + a)`, with an ambient share a common to all pixels. For each pixel, readings in shadow
+//! and highlights are rejected by their residuals ([`pixel`]). The others give `b = ρ n` by generalised least
+//! squares. Their covariance contains the noise, and the errors of the lights, of Lambert's law and of a, with
+//! variances estimated from the residuals of the image ([`model_error`]).
 //!
-//! `Cov(b) = s² (Σ w l lᵀ)⁻¹`, s² from the pixel's residuals and the image's. σ of the normal is that of one
-//! tangential component, the root mean square of both: `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.
+//! σ of the normal is that of one tangential component, the root mean square of both:
+//! `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.
 //!
 //! # References
 //! - Woodham, *Photometric method for determining surface orientation from multiple images*, Optical
@@ -22,30 +21,27 @@
 //! - Barsky and Petrou, *The 4-source photometric stereo technique*, PAMI 2003: shadows and highlights left
 //!   out by their residuals.
 
-use planish_core::vector3::tangents;
+mod ball;
+mod model_error;
+mod pixel;
+
+pub use ball::lights_from_ball;
+
+use crate::{Image, RangeGrid, Scan, Viewing};
+use model_error::ModelError;
+use pixel::{Pixel, inverse};
 use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-use crate::{Image, RangeGrid, Scan, Viewing};
-
-/// Residual, in scales, at which a reading has weight ¼. Smaller values reject highlights better and use
-/// fewer readings.
-const CUT: f64 = 2.5;
-/// Rounds of reweighting; the weights of the last one are 0 or 1.
-const ROUNDS: usize = 8;
-/// Gate of the last round, in scales of the residuals: it keeps 99.7 % of normally distributed readings.
-const GATE: f64 = 3.0;
-/// Weight, in readings, with which a pixel's residual variance is shrunk towards that of the image. A pixel
-/// alone has too few redundant readings.
-const SHRINKAGE: f64 = 8.0;
-/// Readings below this share of the pixel's brightest are in shadow.
-const SHADOW: f64 = 0.06;
-/// Upper limit of the search for the ambient share, and its step.
-const MAX_AMBIENT: f64 = 0.3;
-const AMBIENT_STEP: f64 = 0.02;
-/// The ambient share is estimated from every `PILOT`-th pixel, to save time.
-const PILOT: usize = 7;
+/// Number of pixels from which the variances are estimated. More hardly change them, but cost time.
+const PILOT: usize = 150;
+/// Rank of the reading that stands for the brightness of a pixel, as a share of its readings. Highlights are
+/// above it, shadows below.
+const TYPICAL_RANK: f64 = 0.75;
+/// Without a mask, the brightness of this share of all pixels is below that of a bright pixel of the object.
+/// It excludes the background, and highlights of single pixels.
+const BRIGHT_RANK: f64 = 0.98;
 
 /// Options of [`photometric_normals`].
 #[derive(Debug, Clone, PartialEq)]
@@ -54,9 +50,11 @@ pub struct PhotometricOptions {
     pub sigma_brightness: Option<f64>,
     /// σ of the lights' directions, in degrees.
     pub sigma_light_deg: f64,
-    /// Pixels whose brightest reading is below this share of the image's brightest are skipped.
+    /// Pixels darker than this share of the median pixel inside the mask are skipped (default 0.08). The
+    /// brightness of a pixel is the upper quartile of its readings.
     pub darkest: f64,
-    /// Share of ambient light (default: estimated if there are five lights, otherwise 0).
+    /// Share of ambient light (default: estimated if there are five lights, otherwise 0). A negative share
+    /// describes a camera whose response is not linear.
     pub ambient: Option<f64>,
 }
 
@@ -76,12 +74,16 @@ pub struct NormalMap {
     /// The normal of each pixel towards the camera (x right, y down, z away from the camera, so z is
     /// negative), row by row; `None` if unknown.
     pub normals: Vec<Option<DVec3>>,
-    /// σ of each of its tangential components, in degrees; NaN where there is none.
+    /// σ of each of its tangential components, in degrees; NaN where there is none. It includes the model
+    /// error, unless there are only three lights, which leave no residuals.
     pub sigma_deg: Vec<f64>,
     /// Share of ambient light.
     pub ambient: f64,
-    /// σ of the brightness.
+    /// σ of the brightness of a pixel due to noise, stated or estimated.
     pub sigma_brightness: f64,
+    /// σ of the errors of lights and of Lambert's law, as a share of the brightness under a light along the
+    /// normal; 0 for three lights.
+    pub model_error: f64,
     /// σ of the brightness estimated from the residuals of the typical pixel, even if one was stated; `None`
     /// for three lights, which leave no residuals.
     pub sigma_of_residuals: Option<f64>,
@@ -89,12 +91,33 @@ pub struct NormalMap {
     pub brightest: f64,
     /// Pixels of the object without a normal: too few lights reach them, or the normal would face away.
     pub undetermined: usize,
+    /// Pixels of the object that are too dark.
+    pub dark: usize,
+    /// Pixels of the object that have fewer than three readings because the others are saturated.
+    pub saturated: usize,
+    /// Readings of the pixels of the object that are not too dark, by their use.
+    pub readings: ReadingCounts,
+    /// Share of each light's readings above the horizon that were rejected by their residuals.
+    pub rejected_by_light: Vec<f64>,
+}
+
+/// Numbers of readings (one for each light and pixel).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ReadingCounts {
+    /// Readings that determine a normal.
+    pub used: usize,
+    /// Readings that are saturated.
+    pub saturated: usize,
+    /// Readings of lights below the horizon of the pixel.
+    pub shadowed: usize,
+    /// Readings rejected by their residuals: highlights and cast shadows.
+    pub outliers: usize,
 }
 
 /// Estimates normals by photometric stereo.
 ///
-/// `mask` is above half of its maximum where the object is. Without a mask, every pixel that is not dark is
-/// used.
+/// Readings that are NaN are missing: mark saturated ones so. `mask` is above half of its maximum where the
+/// object is. Without a mask, every pixel that is not dark is used.
 ///
 /// # Errors
 /// `Input` for fewer than three images, images of different sizes, two that are the same, or a light too few;
@@ -109,158 +132,135 @@ pub fn photometric_normals(
     check(images, lights, mask, options)?;
     let (columns, rows) = (images[0].columns, images[0].rows);
     let brightest = images.iter().flat_map(|i| &i.values).copied().fold(0.0_f32, f32::max);
-    let half = mask.map(|m| 0.5 * m.values.iter().copied().fold(0.0_f32, f32::max));
-    let readings = |k: usize| -> Option<Vec<f64>> {
-        let inside = mask.zip(half).is_none_or(|(m, half)| m.values[k] > half);
-        let all: Vec<f64> = images.iter().map(|i| f64::from(i.values[k])).collect();
-        let maximum = all.iter().copied().fold(0.0, f64::max);
-        (inside && maximum > options.darkest * f64::from(brightest)).then_some(all)
-    };
-    let pilot: Vec<Vec<f64>> = (0..columns * rows).step_by(PILOT).filter_map(readings).collect();
-    let ambient = match options.ambient {
-        Some(ambient) => ambient,
-        None if lights.len() < 5 => 0.0,
-        None => find_ambient(&pilot, lights),
-    };
-    // Twice: without a σ of the image, the few residuals of each pixel decide, and too many are rejected.
-    let sigma_of_residuals = (lights.len() > 3).then(|| {
-        (0..2).fold(0.0, |sigma, _| {
-            typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()
-        })
-    });
-    let sigma = options.sigma_brightness.or(sigma_of_residuals).unwrap_or(0.0);
+    let object = Object::new(images, mask, options.darkest);
+    let pilot: Vec<Vec<f64>> = (object.pixels.iter())
+        .step_by(object.pixels.len().div_ceil(PILOT).max(1))
+        .map(|k| readings_of(images, *k))
+        .collect();
+    let stated = options.sigma_brightness.map(|s| s * s);
     // A perfect fit still has the rounding of eight bits: half a step is the minimum.
-    let sigma = if sigma > 0.0 { sigma } else { f64::from(brightest) / 512.0 };
+    let least = (f64::from(brightest) / 512.0).powi(2);
+    let mut model = ModelError::new(lights, options.ambient.unwrap_or(0.0), stated.unwrap_or(least));
+    let fits = |ambient: f64, sigma: f64| -> Vec<Pixel> {
+        pilot.par_iter().filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma)).collect()
+    };
+    let has_residuals = lights.len() > 3;
+    if has_residuals {
+        let ambient = if lights.len() < 5 { options.ambient.or(Some(0.0)) } else { options.ambient };
+        model.estimate(lights, stated, ambient, fits);
+    }
     let light_variance = options.sigma_light_deg.to_radians().powi(2);
-    let found: Vec<Option<Option<Found>>> = (0..columns * rows)
-        .into_par_iter()
-        .map(|k| {
-            let readings = readings(k)?;
-            Some(
-                Pixel::fit(&readings, lights, ambient, sigma)
-                    .and_then(|p| p.normal(lights, sigma, options, light_variance)),
-            )
+    let found: Vec<Found> = (object.pixels.par_iter())
+        .map(|&k| {
+            let readings = readings_of(images, k);
+            let missing = readings.iter().filter(|i| !i.is_finite()).count();
+            let fit = Pixel::fit(&readings, lights, model.ambient, model.sigma_noise());
+            let normal = fit.as_ref().and_then(|p| model.normal(lights, p, !has_residuals));
+            Found {
+                normal: normal.map(|(n, sigma)| (n, (sigma * sigma + light_variance).sqrt().to_degrees())),
+                fit,
+                missing,
+            }
         })
         .collect();
-    let undetermined = found.iter().filter(|f| matches!(f, Some(None))).count();
-    let found: Vec<_> = found.into_iter().map(Option::flatten).collect();
-    if found.iter().all(Option::is_none) {
+    if found.iter().all(|f| f.normal.is_none()) {
         return Err(Error::undetermined(
             "expected pixels with a normal, found none: check that the mask is white at the object, and \
              that the lights are in the order of the images",
         ));
     }
-    Ok(NormalMap {
+    let mut map = NormalMap {
         columns,
         rows,
-        normals: found.iter().map(|f| f.map(|(n, _)| n)).collect(),
-        sigma_deg: found.iter().map(|f| f.map_or(f64::NAN, |(_, sigma)| sigma)).collect(),
-        ambient,
-        sigma_brightness: sigma,
-        sigma_of_residuals,
+        normals: vec![None; columns * rows],
+        sigma_deg: vec![f64::NAN; columns * rows],
+        ambient: model.ambient,
+        sigma_brightness: model.sigma_noise(),
+        model_error: if has_residuals { model.share() } else { 0.0 },
+        sigma_of_residuals: has_residuals.then(|| {
+            let fits = fits(model.ambient, model.sigma_noise());
+            typical(fits.iter().filter_map(Pixel::variance).collect(), lights.len()).sqrt()
+        }),
         brightest: brightest.into(),
-        undetermined,
-    })
-}
-
-/// A normal and its σ in degrees.
-type Found = (DVec3, f64);
-
-/// One pixel's fit.
-struct Pixel {
-    b: DVec3,
-    weights: Vec<f64>,
-    residuals: Vec<f64>,
-}
-
-impl Pixel {
-    /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
-    fn fit(readings: &[f64], lights: &[DVec3], ambient: f64, sigma: f64) -> Option<Self> {
-        let strongest = readings.iter().copied().fold(0.0, f64::max);
-        // Shadowed readings do not follow the cosine law.
-        let lit: Vec<f64> =
-            readings.iter().map(|i| if *i > SHADOW * strongest { 1.0 } else { 0.0 }).collect();
-        let mut weights = lit.clone();
-        let mut b = DVec3::ZERO;
-        let mut residuals = vec![0.0; readings.len()];
-        let count = lit.iter().sum::<f64>();
-        for round in 1..=ROUNDS {
-            let brightness = ambient * b.length();
-            let (mut m, mut r) = (SymmetricMatrix3::ZERO, DVec3::ZERO);
-            for ((l, i), w) in lights.iter().zip(readings).zip(&weights) {
-                m.add_outer(*w, *l);
-                (0..3).for_each(|k| r[k] += w * l[k] * (i - brightness));
-            }
-            b = inverse(&m)?.times(r);
-            let brightness = ambient * b.length();
-            for (k, l) in lights.iter().enumerate() {
-                residuals[k] = readings[k] - b.dot(*l) - brightness;
-            }
-            let among: Vec<f64> =
-                residuals.iter().zip(&lit).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.abs()).collect();
-            // With four readings or fewer there is a single residual direction, so no outlier can be found.
-            // After the last fit the weights stay, because variance and normal belong to them.
-            if count < 5.0 || round == ROUNDS {
-                continue;
-            }
-            // The fit uses three degrees of freedom of the residuals.
-            let spread = 1.4826 * median(among) * (count / (count - 3.0)).sqrt();
-            // No surface is completely matte, so residuals of this size are never outliers.
-            let scale = spread.max(sigma).max(0.005 * strongest);
-            for ((w, lit), r) in weights.iter_mut().zip(&lit).zip(&residuals) {
-                *w = match round + 1 == ROUNDS {
-                    false => lit / (1.0 + (r / (CUT * scale)).powi(2)).powi(2),
-                    // Smooth weights first, so that the selection does not depend on a bad first fit; at the
-                    // end full or zero weight, so that the covariance is that of plain least squares.
-                    true if r.abs() < GATE * scale => *lit,
-                    true => 0.0,
-                };
-            }
+        undetermined: 0,
+        dark: object.dark,
+        saturated: 0,
+        readings: ReadingCounts::default(),
+        rejected_by_light: Vec::new(),
+    };
+    let mut of_light = vec![[0_usize; 2]; lights.len()];
+    for (&k, found) in object.pixels.iter().zip(found) {
+        map.readings.saturated += found.missing;
+        if let Some(fit) = &found.fit {
+            map.readings.used += fit.used.len();
+            map.readings.shadowed += fit.shadowed;
+            map.readings.outliers += fit.outliers.len();
+            fit.used.iter().for_each(|k| of_light[*k][0] += 1);
+            fit.outliers.iter().for_each(|k| of_light[*k][1] += 1);
         }
-        Some(Self { b, weights, residuals })
-    }
-
-    /// Sum of the weighted squares, and the remaining degrees of freedom.
-    fn squares(&self) -> (f64, f64) {
-        let squares = self.residuals.iter().zip(&self.weights).map(|(r, w)| w * r * r).sum();
-        (squares, self.weights.iter().sum::<f64>() - 3.0)
-    }
-
-    /// The normal and its σ in degrees.
-    fn normal(
-        &self,
-        lights: &[DVec3],
-        sigma: f64,
-        options: &PhotometricOptions,
-        light_variance: f64,
-    ) -> Option<(DVec3, f64)> {
-        let n = self.b.try_normalize().filter(|n| n[2] < 0.0)?;
-        let (squares, freedom) = self.squares();
-        let variance = match options.sigma_brightness {
-            Some(sigma) => sigma * sigma,
-            None => (squares + SHRINKAGE * sigma * sigma) / (freedom.max(0.0) + SHRINKAGE),
-        };
-        let mut m = SymmetricMatrix3::ZERO;
-        for (l, w) in lights.iter().zip(&self.weights) {
-            m.add_outer(*w, *l);
+        match found.normal {
+            Some((n, sigma)) => (map.normals[k], map.sigma_deg[k]) = (Some(n), sigma),
+            None if lights.len() - found.missing < 3 => map.saturated += 1,
+            None => map.undetermined += 1,
         }
-        // The covariance of `b` with the final weights.
-        let inverse = inverse(&m)?;
-        let (e1, e2) = tangents(n);
-        let tangential = 0.5 * variance * (inverse.along(e1) + inverse.along(e2)) / self.b.length_squared();
-        let sigma = (tangential + light_variance).sqrt().to_degrees();
-        sigma.is_finite().then_some((n, sigma))
+    }
+    map.rejected_by_light = (of_light.iter())
+        .map(|[used, rejected]| *rejected as f64 / (used + rejected).max(1) as f64)
+        .collect();
+    Ok(map)
+}
+
+/// The result of one pixel: its normal with σ in degrees, the fit, and the number of missing readings.
+struct Found {
+    normal: Option<(DVec3, f64)>,
+    fit: Option<Pixel>,
+    missing: usize,
+}
+
+/// The readings of a pixel, one for each light.
+fn readings_of(images: &[Image], k: usize) -> Vec<f64> {
+    images.iter().map(|i| f64::from(i.values[k])).collect()
+}
+
+/// The pixels of the object.
+struct Object {
+    pixels: Vec<usize>,
+    dark: usize,
+}
+
+impl Object {
+    /// Selects the pixels inside the mask that are not dark.
+    fn new(images: &[Image], mask: Option<&Image>, darkest: f64) -> Self {
+        let half = mask.map(|m| 0.5 * m.values.iter().copied().fold(0.0_f32, f32::max));
+        let inside = |k: &usize| mask.zip(half).is_none_or(|(m, half)| m.values[*k] > half);
+        let inside: Vec<usize> = (0..images[0].values.len()).filter(inside).collect();
+        let brightness: Vec<f64> = (inside.par_iter())
+            .map(|&k| {
+                // Saturated readings are bright. Their value does not matter for a rank below them.
+                let readings = readings_of(images, k);
+                rank(readings.into_iter().map(|i| if i.is_nan() { f64::INFINITY } else { i }), TYPICAL_RANK)
+            })
+            .collect();
+        let reference = rank(brightness.iter().copied(), if mask.is_some() { 0.5 } else { BRIGHT_RANK });
+        let brightest = brightness.iter().copied().filter(|b| b.is_finite()).fold(0.0, f64::max);
+        // A reference that is saturated itself has no value; the brightest pixel with one is darker.
+        let least = darkest * if reference.is_finite() { reference } else { brightest };
+        let (bright, dark): (Vec<_>, Vec<_>) =
+            inside.into_iter().zip(brightness).partition(|(_, b)| *b > least);
+        // Without a mask, dark pixels are background.
+        let dark = if mask.is_some() { dark.len() } else { 0 };
+        Self { pixels: bright.into_iter().map(|(k, _)| k).collect(), dark }
     }
 }
 
-/// The residual variance of every pixel that has enough lights.
-fn residual_variances(pixels: &[Vec<f64>], lights: &[DVec3], ambient: f64, sigma: f64) -> Vec<f64> {
-    let fits = pixels.par_iter().filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
-    let variances = fits.filter_map(|p| {
-        let (squares, freedom) = p.squares();
-        (freedom > 0.5).then(|| squares / freedom)
-    });
-    variances.collect()
+/// The value at a share of the sorted values; 0 for none.
+fn rank(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    if values.is_empty() {
+        return 0.0;
+    }
+    let at = ((values.len() - 1) as f64 * share).round() as usize;
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 /// The variance from the median of estimates with `lights − 3` degrees of freedom each (Wilson and Hilferty
@@ -268,90 +268,6 @@ fn residual_variances(pixels: &[Vec<f64>], lights: &[DVec3], ambient: f64, sigma
 fn typical(variances: Vec<f64>, lights: usize) -> f64 {
     let freedom = lights.saturating_sub(3).max(1) as f64;
     median(variances) / (1.0 - 2.0 / (9.0 * freedom)).powi(3)
-}
-
-/// The ambient share that minimises the residuals.
-fn find_ambient(pixels: &[Vec<f64>], lights: &[DVec3]) -> f64 {
-    let steps = (MAX_AMBIENT / AMBIENT_STEP).round() as usize;
-    // A grid and a parabola: the cost is a median, whose derivative jumps.
-    let cost: Vec<f64> = (0..=steps)
-        .map(|k| {
-            // The median includes rejected readings. Otherwise a share that rejects more would seem better.
-            let fits = pixels
-                .par_iter()
-                .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
-            let residuals = fits.flat_map_iter(|(fit, readings)| {
-                let strongest = readings.iter().copied().fold(0.0, f64::max);
-                let lit =
-                    fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * strongest);
-                lit.map(|(r, _)| r.abs())
-            });
-            median(residuals.collect())
-        })
-        .collect();
-    let best = (0..=steps).min_by(|a, b| cost[*a].total_cmp(&cost[*b])).unwrap_or(0);
-    if best == 0 || best == steps {
-        return AMBIENT_STEP * best as f64;
-    }
-    let curvature = cost[best - 1] - 2.0 * cost[best] + cost[best + 1];
-    let offset = if curvature > 0.0 { 0.5 * (cost[best - 1] - cost[best + 1]) / curvature } else { 0.0 };
-    AMBIENT_STEP * (best as f64 + offset)
-}
-
-/// Directions towards the lights from images of a mirror ball: `l = 2 (n·v) n − v`, with the ball's normal n
-/// at the highlight and v towards the camera.
-///
-/// The ball is the disc with the area and the centroid of the mask, in parallel projection. A highlight is
-/// the centroid of the pixels above 95 % of the maximum.
-///
-/// # Errors
-/// `Input` for images whose size differs from the mask; `Undetermined` for a mask below 100 pixels, and an
-/// image without a highlight on the ball.
-pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<DVec3>> {
-    let half = 0.5 * mask.values.iter().copied().fold(0.0_f32, f32::max);
-    let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
-    if inside.len() < 100 {
-        return Err(Error::undetermined(format!(
-            "expected a ball of 100 pixels or more, found {}",
-            inside.len()
-        )));
-    }
-    let place = |k: usize| [(k % mask.columns) as f64, (k / mask.columns) as f64];
-    let middle = |pixels: &mut dyn Iterator<Item = (usize, f64)>| {
-        let mut sums = DVec3::ZERO;
-        for (k, w) in pixels {
-            let [x, y] = place(k);
-            sums = DVec3::new(sums[0] + w * x, sums[1] + w * y, sums[2] + w);
-        }
-        [sums[0] / sums[2], sums[1] / sums[2]]
-    };
-    let centre = middle(&mut inside.iter().map(|k| (*k, 1.0)));
-    // From the area: more accurate than from the extreme pixels of the mask.
-    let radius = (inside.len() as f64 / std::f64::consts::PI).sqrt();
-    let light = |(number, image): (usize, &Image)| {
-        if (image.columns, image.rows) != (mask.columns, mask.rows) {
-            return Err(Error::input(format!(
-                "image {number} of the ball: expected {} × {} pixels like its mask, found {} × {}",
-                mask.columns, mask.rows, image.columns, image.rows
-            )));
-        }
-        let maximum = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
-        // The centroid of a saturated highlight; its brightest pixel is arbitrary.
-        let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * maximum);
-        let spot = middle(&mut bright.map(|k| (k, f64::from(image.values[k]))));
-        let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
-        let square = x * x + y * y;
-        if !(maximum > 0.0 && square < 1.0) {
-            return Err(Error::undetermined(format!(
-                "image {number} of the ball: expected a highlight, found none"
-            )));
-        }
-        let n = DVec3::new(x, y, -(1.0 - square).sqrt());
-        // v = (0, 0, −1).
-        let along = -2.0 * n.z;
-        Ok(DVec3::new(along * n.x, along * n.y, along * n.z + 1.0))
-    };
-    images.iter().enumerate().map(light).collect()
 }
 
 /// Normals from the colours of a normal map: red, green and blue are x, y (up) and z (towards the camera)
@@ -387,8 +303,13 @@ pub fn normals_from_colours(
         normals,
         ambient: 0.0,
         sigma_brightness: 0.0,
+        model_error: 0.0,
         sigma_of_residuals: None,
         brightest: white.into(),
+        dark: 0,
+        saturated: 0,
+        readings: ReadingCounts::default(),
+        rejected_by_light: Vec::new(),
     })
 }
 
@@ -429,6 +350,11 @@ impl NormalMap {
     }
 }
 
+/// True if two images have the same bits, so that missing readings are equal, too.
+fn same(a: &Image, b: &Image) -> bool {
+    a.values.iter().zip(&b.values).all(|(a, b)| a.to_bits() == b.to_bits())
+}
+
 fn check(
     images: &[Image],
     lights: &[DVec3],
@@ -453,7 +379,7 @@ fn check(
         )));
     }
     let repeated =
-        (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
+        (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| same(i, &images[k]))?, k)));
     if let Some((first, second)) = repeated {
         return Err(Error::input(format!(
             "images {} and {} are the same, pixel by pixel: expected a different image for each light",
@@ -479,24 +405,8 @@ fn check(
     }
 }
 
-/// The inverse, unless the matrix is nearly singular.
-fn inverse(m: &SymmetricMatrix3) -> Option<SymmetricMatrix3> {
-    let [a, b, c, d, e, f] = m.to_array();
-    let cofactors =
-        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
-    let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
-    // Relative to the trace, so that the unit of the lights does not matter.
-    let trace = a + d + f;
-    (determinant > 1e-7 * trace.powi(3))
-        .then(|| SymmetricMatrix3::from_array(cofactors.map(|c| c / determinant)))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+fn median(values: Vec<f64>) -> f64 {
+    rank(values.into_iter(), 0.5)
 }
 
 #[cfg(test)]

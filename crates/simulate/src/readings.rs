@@ -46,6 +46,17 @@ pub struct ReadingsSummary {
     pub files: Vec<PathBuf>,
 }
 
+/// Refuses a scene in which most beams miss the object.
+pub(super) fn all_met(made: usize, wanted: usize) -> Result<()> {
+    if made == wanted {
+        return Ok(());
+    }
+    Err(Error::undetermined(format!(
+        "expected {wanted} readings, found {made}: all further beams miss the object; specify fewer readings \
+         or a slower object"
+    )))
+}
+
 /// True parameters of the object, in millimetres and radians.
 ///
 /// The object is neither at the origin nor aligned with the axes, where wrong signs and angles cancel.
@@ -122,6 +133,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     // One call gives both files, so that row k of `exact.csv` is the true value of row k of
     // `readings.csv`.
     let made = ranges(&options.kind, &theta, middle, options.readings, &sensor, options.seed);
+    all_met(made.exact.len(), options.readings)?;
     make_folder(folder)?;
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));
     write_table(&paths[0], &made.noisy)?;

@@ -8,7 +8,7 @@
 //! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a
 //! moving sensor*, figure 3.
 
-use super::readings::{ReadingsSummary, default_sensor, parameters_json, write_table};
+use super::readings::{ReadingsSummary, all_met, default_sensor, parameters_json, write_table};
 use super::truth::positive;
 use planish_contour::planar::{ContourKind, ranges};
 use planish_core::DVec3;
@@ -78,6 +78,7 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
         // Each view needs errors of its own, as they are measured one after the other.
         let seed = options.seed.wrapping_mul(3).wrapping_add(i as u64);
         let made = ranges(&kind, &theta, middle, options.readings, &sensor, seed);
+        all_met(made.exact.len(), options.readings)?;
         let own = folder.join(view.name());
         make_folder(&own)?;
         let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| own.join(name));

@@ -3,7 +3,7 @@
 //! A generator of its own keeps results independent of versions of the `rand` crate.
 
 use nalgebra::DVector;
-use planish_core::random::{GOLDEN_GAMMA, SplitMix64, signed_unit_interval};
+use planish_core::random::{SplitMix64, mix64, signed_unit_interval};
 
 pub(super) struct Draws {
     random: SplitMix64,
@@ -12,7 +12,8 @@ pub(super) struct Draws {
 impl Draws {
     /// A generator; different seeds give unrelated sequences.
     pub(super) fn new(seed: u64) -> Self {
-        Self { random: SplitMix64::new(seed.wrapping_add(1).wrapping_mul(GOLDEN_GAMMA)) }
+        // Mixed, because seeds that differ by a multiple of the generator's step give one sequence, shifted.
+        Self { random: SplitMix64::new(mix64(seed.wrapping_add(1))) }
     }
 
     /// A number uniform in [−1, 1).
@@ -24,5 +25,24 @@ impl Draws {
     /// variance is 1/3.
     pub(super) fn spread(&mut self, n: usize) -> DVector<f64> {
         DVector::from_fn(n, |_, _| self.uniform() + self.uniform() + self.uniform())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbouring_seeds_share_no_numbers() {
+        let drawn = |seed: u64| {
+            let mut draws = Draws::new(seed);
+            (0..64).map(|_| draws.uniform().to_bits()).collect::<std::collections::HashSet<u64>>()
+        };
+        let all: Vec<_> = (0..8).map(drawn).collect();
+        for (k, first) in all.iter().enumerate() {
+            for second in &all[k + 1..] {
+                assert_eq!(first.intersection(second).count(), 0, "{k}");
+            }
+        }
     }
 }

@@ -10,6 +10,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+/// Number of poses in a row from which no beam may meet the contour. Beams aim at the contour, so that even a
+/// fast object is met far more often.
+const MAX_MISSES: usize = 1000;
+
 /// Sensor and conditions of a simulated measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorOptions {
@@ -42,7 +46,8 @@ pub struct SimulatedReadings {
 ///
 /// Each ray aims at a random place of the outline, drawn evenly. The sensor stands within 25° of the
 /// direction of that place as seen from `middle`, and reads the first intersection. A beam that meets nothing
-/// is skipped, and another pose is drawn. The same seed gives the same readings. A line gives none.
+/// is skipped, and another pose is drawn. If 1000 poses in a row meet nothing, as with an object that moves
+/// away, the readings made so far are returned. The same seed gives the same readings. A line gives none.
 ///
 /// # Examples
 /// ```
@@ -72,7 +77,9 @@ pub fn ranges(
     // Only used for sweeps; single readings have poses of their own anyway.
     let mut made = SimulatedReadings::default();
     let mut pose = 0;
-    while made.exact.len() < count {
+    let mut misses = 0;
+    while made.exact.len() < count && misses < MAX_MISSES && !places.is_empty() {
+        let before = made.exact.len();
         let aim = places[random.random_range(0..places.len())];
         let towards = (aim[1] - middle[1]).atan2(aim[0] - middle[0]) + random.random_range(-0.44..0.44);
         let origin =
@@ -119,6 +126,7 @@ pub fn ranges(
             made.exact.push(exact);
         }
         pose += 1;
+        misses = if made.exact.len() > before { 0 } else { misses + 1 };
     }
     made
 }

@@ -355,3 +355,12 @@ fn readings_closer_than_their_sigma_show_no_outline() {
     let e = choose(&auto_kinds(), true, &spot, &ContourFitOptions::default()).unwrap_err();
     assert!(e.to_string().contains("found all 50 closer together"), "{e}");
 }
+
+#[test]
+fn simulated_readings_end_when_no_beam_meets_the_object() {
+    // After the first reading, the object is 100 times its size away.
+    let sensor = SensorOptions { velocity: [100.0, 0.0, 0.0], rate_hz: 1.0, ..SENSOR };
+    let made = ranges(&ContourKind::Circle, &[0.0, 0.0, 1.0], [0.0; 2], 50, &sensor, 1);
+    assert!((1..50).contains(&made.exact.len()), "{}", made.exact.len());
+    assert_eq!(made.exact.len(), made.noisy.len());
+}

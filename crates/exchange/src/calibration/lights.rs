@@ -7,6 +7,8 @@
 //! pixel_size = 0.2            # side of a pixel on the object (default 1)
 //! sigma_brightness = 1.5      # σ of the brightness of a pixel (default: estimated from four lights or more)
 //! sigma_light_deg = 1.0       # σ of the directions of the lights, common to all normals (default 0)
+//! intensities = [1.0, 0.92, 1.05]   # strength of each light, or [red, green, blue] of each (default 1)
+//! saturation = 250            # readings from this value on are saturated (default: found in the images)
 //! ```
 //!
 //! Pictures of a mirror ball, under the same lights in the same order, can replace `lights`:
@@ -52,6 +54,10 @@ pub struct LightsCalibration {
     pub sigma_brightness: Option<f64>,
     /// σ of the directions of the lights, in degrees.
     pub sigma_light_deg: f64,
+    /// Strength of each light in red, green and blue, with a mean of 1; empty if all are equal.
+    pub intensities: Vec<[f64; 3]>,
+    /// Value from which readings are saturated, if stated.
+    pub saturation: Option<f64>,
     /// The unit of lengths, if stated.
     pub unit: Option<Unit>,
 }
@@ -68,7 +74,18 @@ struct Table {
     sigma_brightness: Option<f64>,
     #[serde(default)]
     sigma_light_deg: f64,
+    #[serde(default)]
+    intensities: Vec<Intensity>,
+    saturation: Option<f64>,
     ball: Option<Ball>,
+}
+
+/// Strength of a light.
+#[derive(Deserialize, Clone, Copy)]
+#[serde(untagged)]
+enum Intensity {
+    Grey(f64),
+    Colours([f64; 3]),
 }
 
 #[derive(Deserialize, Default, Clone, Copy)]
@@ -112,7 +129,7 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
     let t: Table = table(
         text,
         "expected `lights` (a direction per image) or [ball] with images and mask, and optionally frame, \
-         pixel_size, sigma_brightness, sigma_light_deg and unit",
+         pixel_size, sigma_brightness, sigma_light_deg, intensities, saturation and unit",
     )?;
     let sigma = t.sigma_brightness;
     check_numbers(&[
@@ -123,6 +140,12 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
             t.sigma_light_deg,
             (0.0..90.0).contains(&t.sigma_light_deg),
             "an angle from 0 to less than 90 degrees",
+        ),
+        (
+            "saturation",
+            t.saturation.unwrap_or(1.0),
+            t.saturation.is_none_or(|s| s > 0.0),
+            "a finite number above 0",
         ),
     ])?;
     let source = match (t.lights, t.ball) {
@@ -139,7 +162,13 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
             return Err(Error::input(format!("expected `lights` or [ball], found {found}")));
         }
     };
+    let lights = match &source {
+        LightSource::Directions(lights) => lights.len(),
+        LightSource::Ball { images, .. } => images.len(),
+    };
     Ok(LightsCalibration {
+        intensities: intensities(&t.intensities, lights)?,
+        saturation: t.saturation,
         source,
         pixel_size: t.pixel_size,
         sigma_brightness: sigma,
@@ -154,6 +183,33 @@ fn check_count(found: usize, what: &str) -> Result<()> {
         true => Err(Error::input(format!("expected at least three {what}, found {found}"))),
         false => Ok(()),
     }
+}
+
+/// The strengths with a mean of 1, so that the scale of the images stays.
+fn intensities(found: &[Intensity], lights: usize) -> Result<Vec<[f64; 3]>> {
+    if found.is_empty() {
+        return Ok(Vec::new());
+    }
+    if found.len() != lights {
+        return Err(Error::input(format!(
+            "expected one entry of `intensities` per light, found {} and {lights} lights",
+            found.len()
+        )));
+    }
+    let colours: Vec<[f64; 3]> = (found.iter())
+        .map(|i| match *i {
+            Intensity::Grey(i) => [i; 3],
+            Intensity::Colours(i) => i,
+        })
+        .collect();
+    if let Some(k) = colours.iter().position(|c| c.iter().any(|i| !(*i > 0.0 && i.is_finite()))) {
+        return Err(Error::input(format!(
+            "expected finite numbers above 0 in `intensities`, found {:?} for light {k}",
+            colours[k]
+        )));
+    }
+    let mean = colours.iter().flatten().sum::<f64>() / (3 * colours.len()) as f64;
+    Ok(colours.into_iter().map(|c| c.map(|i| i / mean)).collect())
 }
 
 fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
@@ -189,6 +245,18 @@ mod tests {
         assert_eq!(lights[0], [0.0, -0.0, -1.0]);
         assert_eq!(lights[2], [0.0, -0.6, -0.8]);
         assert_eq!((found.pixel_size, found.sigma_brightness), (1.0, None));
+    }
+
+    #[test]
+    fn intensities_have_a_mean_of_one() {
+        let lights = "lights = [[0, 0, 1], [0.6, 0, 0.8], [0, 0.6, 0.8]]\n";
+        let found = |text: &str| parse(&format!("{lights}{text}"), Path::new("")).map(|c| c.intensities);
+        assert_eq!(found("intensities = [1, 2, 3]").unwrap(), [[0.5; 3], [1.0; 3], [1.5; 3]]);
+        let colours = found("intensities = [[1, 2, 3], 2, [3, 2, 1]]").unwrap();
+        assert_eq!(colours, [[0.5, 1.0, 1.5], [1.0; 3], [1.5, 1.0, 0.5]]);
+        assert_eq!(found("").unwrap(), Vec::<[f64; 3]>::new());
+        assert!(found("intensities = [1, 2]").unwrap_err().to_string().contains("found 2 and 3 lights"));
+        assert!(found("intensities = [1, 0, 2]").unwrap_err().to_string().contains("for light 1"));
     }
 
     #[test]

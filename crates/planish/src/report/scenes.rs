@@ -153,10 +153,10 @@ fn surface_shown(
     let seen_by = readings.map(|readings| {
         // Few combinations of scans occur, so vertices store the number of a combination. Numbers follow the
         // order of leaves and are the same in every run.
-        let mut sets: BTreeMap<&[u16], u16> = BTreeMap::new();
-        let of_leaf: Vec<u16> = (readings.seen_by.iter())
+        let mut sets: BTreeMap<&[u32], u32> = BTreeMap::new();
+        let of_leaf: Vec<u32> = (readings.seen_by.iter())
             .map(|seen| {
-                let next = sets.len() as u16;
+                let next = sets.len() as u32;
                 *sets.entry(seen).or_insert(next)
             })
             .collect();
@@ -172,8 +172,9 @@ fn surface_shown(
     });
     // With a single scan, this field would repeat `observed`.
     if let Some(readings) = readings.filter(|r| r.scans.len() > 1) {
-        let number: Vec<u16> =
-            (leaf.iter()).map(|&leaf| readings.seen_by[leaf as usize].len() as u16).collect();
+        let number: Vec<u16> = (leaf.iter())
+            .map(|&leaf| readings.seen_by[leaf as usize].len().min(usize::from(u16::MAX)) as u16)
+            .collect();
         let max_scans = number.iter().copied().max().unwrap_or(0);
         let name = |n: u16| match n {
             1 => "1 scan".to_owned(),
@@ -215,6 +216,10 @@ fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
             *sets.entry(set).or_insert(next)
         })
         .collect();
+    // Pages number the entries of a legend by 16 bits.
+    if sets.len() > usize::from(u16::MAX) {
+        return None;
+    }
     let mut categories: Vec<(u16, String)> = (sets.into_iter())
         .map(|(set, k)| (k, if set.is_empty() { "none".to_owned() } else { set.join(" + ") }))
         .collect();
@@ -229,33 +234,34 @@ fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
 }
 
 fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
-    let names = readings.scans.iter().enumerate();
+    let mut fields = vec![
+        numbers(
+            "normalised",
+            "normalised residual",
+            "",
+            // Colours saturate where readings are rejected. An infinite gate rejects none.
+            FieldKind::Signed(Some(readings.gate).filter(|gate| gate.is_finite())),
+            readings.normalised.clone(),
+        ),
+        numbers("residual", "residual", unit, FieldKind::Signed(None), readings.residuals.clone()),
+    ];
+    // Pages number the entries of a legend by 16 bits. Nobody reads a legend of more scans.
+    if readings.scans.len() <= 1 << 16 {
+        let names = (0..=u16::MAX).zip(&readings.scans);
+        let scans = readings.scan.iter().map(|k| *k as u16).collect();
+        let names = names.map(|(k, scan)| (k, scan.name.clone())).collect();
+        fields.push(kinds("scan", "scan", FieldKind::Categories(names), scans));
+    }
+    fields.push(kinds(
+        "used",
+        "used",
+        FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no (rejected)".to_owned())]),
+        readings.used.iter().map(|u| u16::from(*u)).collect(),
+    ));
     Cloud {
         name: "readings, coloured by residual".to_owned(),
         positions: readings.places.clone(),
-        fields: vec![
-            numbers(
-                "normalised",
-                "normalised residual",
-                "",
-                // Colours saturate where readings are rejected. An infinite gate rejects none.
-                FieldKind::Signed(Some(readings.gate).filter(|gate| gate.is_finite())),
-                readings.normalised.clone(),
-            ),
-            numbers("residual", "residual", unit, FieldKind::Signed(None), readings.residuals.clone()),
-            kinds(
-                "scan",
-                "scan",
-                FieldKind::Categories(names.map(|(k, scan)| (k as u16, scan.name.clone())).collect()),
-                readings.scan.clone(),
-            ),
-            kinds(
-                "used",
-                "used",
-                FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no (rejected)".to_owned())]),
-                readings.used.iter().map(|u| u16::from(*u)).collect(),
-            ),
-        ],
+        fields,
         hidden: true,
         width: 3,
     }

@@ -1,17 +1,10 @@
 //! The sensors: raw data and calibration to points, normals and images of numbers.
 
 use super::*;
-use planish_core::vector3::from_arrays;
 use planish_core::{Finding, FindingCode, Setting};
 
 /// Maximum σ of normals, in degrees. A direction with a larger σ is unknown.
 const MAX_SIGMA_DEG: f64 = 90.0;
-/// Maximum ratio of brightness residuals to the stated σ without a warning. Real surfaces are never quite
-/// matte, so some excess is normal.
-const MAX_BRIGHTNESS_MISFIT: f64 = 3.0;
-/// Maximum brightness residual relative to the brightest pixel without a warning. Matte objects under far
-/// lights stay below a few percent.
-const MAX_BRIGHTNESS_SHARE: f64 = 0.1;
 /// Minimum fraction of matched pixels without a warning. Correct pairs have 1/3 to 9/10; exchanged pictures a
 /// few percent.
 const MIN_MATCHED: f64 = 0.1;
@@ -136,90 +129,6 @@ pub(super) fn grid(
     })
 }
 
-pub(super) fn photometric(
-    images: &[PathBuf],
-    mask: Option<&Path>,
-    calibration: &Path,
-    progress: &dyn Progress,
-) -> Result<Sensed> {
-    let known = read_lights(calibration)?;
-    let read = |paths: &[PathBuf]| paths.iter().map(|p| read_brightness(p)).collect::<Result<Vec<Image>>>();
-    let pictures = read(images)?;
-    let mask_file = mask;
-    let mask = mask.map(read_brightness).transpose()?;
-    let first = (pictures.first()).map_or((0, 0), |p| (p.columns, p.rows));
-    for (file, picture) in
-        images.iter().map(PathBuf::as_path).chain(mask_file).zip(pictures.iter().chain(&mask))
-    {
-        // Checked here, where the name of the file is known.
-        if (picture.columns, picture.rows) != first {
-            return Err(Error::input(format!(
-                "{}: expected {} × {} pixels like {}, found {} × {}",
-                file.display(),
-                first.0,
-                first.1,
-                images[0].display(),
-                picture.columns,
-                picture.rows
-            )));
-        }
-    }
-    progress.check("lights", 0.1)?;
-    let with_calibration = |e: Error| e.in_context(calibration.display());
-    let mut more_inputs = Vec::new();
-    let lights = match &known.source {
-        LightSource::Directions(lights) => from_arrays(lights).to_vec(),
-        // A mirror ball shows the lights. Its pictures are inputs that only the calibration names.
-        LightSource::Ball { images, mask } => {
-            more_inputs.extend(images.iter().chain([mask]).cloned());
-            lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(with_calibration)?
-        }
-    };
-    let options = PhotometricOptions {
-        sigma_brightness: known.sigma_brightness,
-        sigma_light_deg: known.sigma_light_deg,
-        ..PhotometricOptions::default()
-    };
-    progress.check("normals", 0.2)?;
-    let map = photometric_normals(&pictures, &lights, mask.as_ref(), &options).map_err(with_calibration)?;
-    let mut sensed = of_normals(&map, known.pixel_size)?;
-    sensed.ambient = Some(map.ambient);
-    sensed.sigma_brightness = Some(map.sigma_brightness);
-    sensed.unit = known.unit;
-    sensed.more_inputs = more_inputs;
-    sensed.findings = brightness_findings(&map, known.sigma_brightness);
-    Ok(sensed)
-}
-
-/// Residuals that the stated σ of brightness, or any matte surface, does not explain.
-fn brightness_findings(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
-    // Three lights determine the normal exactly and leave no residual.
-    let Some(found) = map.sigma_of_residuals else {
-        return Vec::new();
-    };
-    let mut findings = Vec::new();
-    if let Some(stated) = stated.filter(|stated| found > MAX_BRIGHTNESS_MISFIT * stated) {
-        let text = format!(
-            "the brightness of a typical pixel differs from that of a matte surface by {found:.3}, {:.0} \
-             times the stated sigma_brightness: σ of the normals is too small by this factor; check the \
-             order of the images, or omit sigma_brightness",
-            found / stated
-        );
-        findings.push(Finding::new(FindingCode::BrightnessInconsistent, text));
-    }
-    if found > MAX_BRIGHTNESS_SHARE * map.brightest {
-        findings.push(Finding::new(
-            FindingCode::BrightnessInconsistent,
-            format!(
-                "the brightness of a typical pixel differs from that of a matte surface by {:.0} % of the \
-                 brightest: check that the images are in the order of the lights and show one view",
-                100.0 * found / map.brightest
-            ),
-        ));
-    }
-    findings
-}
-
 pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     if !(sigma_deg > 0.0 && sigma_deg < MAX_SIGMA_DEG) {
         return Err(Error::input(format!(
@@ -232,7 +141,7 @@ pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     map.and_then(|map| of_normals(&map, 1.0)).map_err(|e| e.in_context(image.display()))
 }
 
-fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
+pub(super) fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
     let scan = map.scan(pixel_size, "normals")?;
     let band =
         // NaN marks pixels without a normal: any number would be taken for a direction.
@@ -242,7 +151,10 @@ fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed>
     Ok(Sensed {
         pixels: map.normals.len(),
         observations: scan.points.len(),
-        rejected: [("undetermined", map.undetermined)].into_iter().filter(|(_, n)| *n > 0).collect(),
+        rejected: [("undetermined", map.undetermined), ("dark", map.dark), ("saturated", map.saturated)]
+            .into_iter()
+            .filter(|(_, n)| *n > 0)
+            .collect(),
         sigma_n_deg: summary(map.sigma_deg.iter().copied().filter(|s| s.is_finite()).collect()),
         raster: Some((map.columns, map.rows, bands)),
         scan: Some(scan),

@@ -26,15 +26,15 @@ impl Solid {
             self.shells().into_iter().map(|s| (self.volume_of(&s), s)).collect();
         shells.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (outer, voids): (Vec<_>, Vec<_>) = shells.into_iter().partition(|s| s.0 > 0.0);
+        if outer.is_empty() {
+            // Without any positive shell, the solid is inside out: every shell stands for a body.
+            return voids.into_iter().rev().map(|(_, outer)| Body { outer, voids: Vec::new() }).collect();
+        }
         let mut bodies: Vec<Body> =
             outer.into_iter().map(|(_, outer)| Body { outer, voids: Vec::new() }).collect();
         for (_, void) in voids {
-            // Without any positive shell, the solid is inside out; the first shell then stands for a body.
             // With one body, no ray is needed.
             let around = match bodies.len() {
-                0 => {
-                    return vec![Body { outer: void, voids: Vec::new() }];
-                }
                 1 => 0,
                 // The bodies are sorted by volume, so the first match from the end is the smallest.
                 n => (0..n).rev().find(|k| self.is_around(&bodies[*k].outer, &void)).unwrap_or(0),

@@ -29,6 +29,21 @@ fn two_cubes_apart_are_two_bodies() {
 }
 
 #[test]
+fn bodies_of_a_solid_that_is_inside_out_are_all_found() {
+    let found = solve(&two_cubes([15.0, 15.0])).unwrap();
+    let mut solid = found.solutions[0].solid.clone();
+    for face in &mut solid.faces {
+        face.outward = !face.outward;
+        for edges in &mut face.loops {
+            edges.reverse();
+            edges.iter_mut().for_each(|c| c.forward = !c.forward);
+        }
+    }
+    assert!(solid.shells().iter().all(|shell| solid.volume_of(shell) < 0.0));
+    assert_eq!(solid.bodies().len(), 2);
+}
+
+#[test]
 fn two_cubes_that_touch_along_an_edge_are_no_solid() {
     let refused = solve(&two_cubes([10.0, 10.0])).unwrap_err().to_string();
     assert!(refused.contains("two bodies only touch along a line through 10.0000 10.0000"), "{refused}");

@@ -218,14 +218,13 @@ pub(super) fn triple(three: [&Extruded; 3], tolerance: f64) -> Vec<DVec3> {
 ///
 /// Their equations are of a degree up to eight, so points are searched: along the intersection of the first
 /// two, where the signed distance to the third changes its sign. Points where the third only touches are not
-/// found. At least one profile must be a circle, which gives the parameter; three planes have no common point
-/// here.
+/// found. A circle gives the parameter; three planes are solved directly.
 fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<DVec3> {
     let Profile::Circle { .. } = s.profile else {
         return match (t.profile, u.profile) {
             (Profile::Circle { .. }, _) => numeric([t, u, s]),
             (_, Profile::Circle { .. }) => numeric([u, s, t]),
-            _ => Vec::new(),
+            _ => corner([s, t, u]),
         };
     };
     const STEPS: usize = 720;
@@ -263,6 +262,20 @@ fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<DVec3> {
         }
     }
     found
+}
+
+/// The common point of three planes by Cramer's rule; none if they are nearly parallel to one line.
+fn corner(planes: [&Extruded; 3]) -> Vec<DVec3> {
+    let normals = planes.map(|p| p.normal(DVec3::ZERO));
+    // The normals have unit length, so that the determinant is the sine of the smallest angles.
+    let offsets = planes.map(|p| -p.value(DVec3::ZERO));
+    let products = [(1, 2), (2, 0), (0, 1)].map(|(a, b)| normals[a].cross(normals[b]));
+    let determinant = normals[0].dot(products[0]);
+    if determinant.abs() < 1e-9 {
+        return Vec::new();
+    }
+    let sum: DVec3 = products.iter().zip(offsets).map(|(product, offset)| offset * *product).sum();
+    vec![sum / determinant]
 }
 
 /// A curve along which two surfaces intersect.
@@ -501,5 +514,34 @@ impl Curve3 {
         // Near its ends, a branch is nearly perpendicular to the shared coordinate, and an error of the
         // coordinate moves the point by more. Hence the larger distance.
         ((self.point(t) - p).length() < 20.0 * tolerance).then_some(t)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_slanted_planes_of_three_views_share_a_corner() {
+        let slanted = |axes: [usize; 3], normal: [f64; 2], offset: f64| Extruded {
+            axes,
+            profile: Profile::Line { normal, offset },
+            plane: None,
+        };
+        let planes = [
+            slanted([0, 1, 2], [0.6, 0.8], 2.0),
+            slanted([1, 2, 0], [0.8, 0.6], 1.0),
+            slanted([2, 0, 1], [-0.28, 0.96], 0.5),
+        ];
+        let found = triple([&planes[0], &planes[1], &planes[2]], 1e-9);
+        assert_eq!(found.len(), 1);
+        assert!(planes.iter().all(|p| p.value(found[0]).abs() < 1e-12), "{found:?}");
+        // Planes parallel to one line share no point.
+        let parallel = [
+            slanted([0, 1, 2], [0.6, 0.8], 2.0),
+            slanted([1, 2, 0], [1.0, 0.0], 1.0),
+            slanted([2, 0, 1], [0.0, 1.0], 0.5),
+        ];
+        assert!(triple([&parallel[0], &parallel[1], &parallel[2]], 1e-9).is_empty());
     }
 }

@@ -326,4 +326,6 @@ fn evaluate(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
 }
 
 #[cfg(test)]
+mod acceptance;
+#[cfg(test)]
 mod tests;

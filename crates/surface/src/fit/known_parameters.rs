@@ -29,7 +29,7 @@ use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_mesh::BoundingBox;
-use planish_spline::{Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{Hierarchy, PositionSums, Shape, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -137,6 +137,7 @@ pub(super) fn fit_known_parameters(
         if converged || round == MAX_ROUNDS {
             readings.set_gated(examined.gated);
             let solved = Solved {
+                sums,
                 total,
                 variances,
                 smoothing,
@@ -178,6 +179,8 @@ fn difference(a: &[Vec<u32>], b: &[Vec<u32>]) -> usize {
 
 /// A converged fit without its figures.
 struct Solved {
+    /// The sums of every sensor, weighted by its stated σ.
+    sums: Vec<PositionSums>,
     total: Totals,
     /// Each sensor's variance over that stated, up to a common factor; 1 for a single sensor.
     variances: Vec<f64>,
@@ -259,11 +262,13 @@ impl Solved {
             )));
         }
         let variances = vec![1.0; self.variances.len()];
-        let smoothing = self.smoothing.with_stated_noise(system, &self.total)?;
-        let surface = smoothing.surface(system, &self.total)?;
+        // The sums so far are weighted by the estimated variances of the sensors.
+        let total = Totals::new(&self.sums, &variances, system)?;
+        let smoothing = self.smoothing.with_stated_noise(system, &total)?;
+        let surface = smoothing.surface(system, &total)?;
         let evaluation = Evaluation::new(&surface, smoothing.measured);
         let residuals = readings.examine(&evaluation, &variances)?.residuals;
-        Ok(Self { variances, smoothing, surface, evaluation, residuals, ..self })
+        Ok(Self { total, variances, smoothing, surface, evaluation, residuals, ..self })
     }
 
     /// σ² of the readings: their weighted squares over their redundancy.

@@ -44,7 +44,7 @@ pub struct ResidualSample {
     /// Residual over its σ.
     pub normalised: Vec<f64>,
     /// Index of the scan.
-    pub scan: Vec<u16>,
+    pub scan: Vec<u32>,
     /// Normalised residual beyond which readings are rejected.
     pub gate: f64,
     /// True if the reading was used.
@@ -52,7 +52,7 @@ pub struct ResidualSample {
     /// One entry for each scan, in their order.
     pub scans: Vec<ScanSummary>,
     /// For each leaf, the scans with a reading in it or in one of its neighbours.
-    pub seen_by: Vec<Vec<u16>>,
+    pub seen_by: Vec<Vec<u32>>,
 }
 
 impl ResidualSample {
@@ -114,7 +114,7 @@ impl ResidualSample {
                 sample.places.push(observations.readings.points[i]);
                 sample.residuals.push(residual);
                 sample.normalised.push(normalised);
-                sample.scan.push(scan as u16);
+                sample.scan.push(scan as u32);
                 sample.used.push(used);
             }
         }
@@ -129,7 +129,7 @@ impl ResidualSample {
         for (scan, holds) in holds.iter().enumerate().filter(|(_, holds)| !holds.is_empty()) {
             for (leaf, seen) in with_neighbours(surface.space(), holds).into_iter().enumerate() {
                 if seen {
-                    sample.seen_by[leaf].push(scan as u16);
+                    sample.seen_by[leaf].push(scan as u32);
                 }
             }
         }

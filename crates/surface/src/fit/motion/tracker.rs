@@ -307,7 +307,7 @@ pub(super) fn log(pose: &Pose) -> Vector6<f64> {
 }
 
 /// The adjoint of a pose, by which it maps twists: `Ad = [[R, 0], [t × R, R]]`.
-fn adjoint(pose: &Pose) -> Matrix6<f64> {
+pub(super) fn adjoint(pose: &Pose) -> Matrix6<f64> {
     let mut made = Matrix6::zeros();
     for j in 0..3 {
         let column = DVec3::from_array([0, 1, 2].map(|i| pose.rotation[i][j]));
