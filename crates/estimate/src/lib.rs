@@ -8,6 +8,7 @@
 //!                                       ├─► KalmanFilter                     sequential: EKF, IEKF, NUIEKF
 //!                                       └─► least_squares                    batch, with robust losses
 //! residuals ─► Loss, TruncatedNormal, VarianceComponents, SmoothnessModel    estimates of σ and of weights
+//! few readings ─► SmoothnessPosterior                                        both integrated out
 //! deviations ─► ChiSquareMean, Coverage, whiteness                           tests of the stated σ
 //! ```
 //!
@@ -53,6 +54,7 @@ mod least_squares;
 mod line_search;
 mod reml;
 mod robust;
+mod smoothness_posterior;
 mod variance_components;
 
 pub use batches::{NestedBatches, PairProducts};
@@ -74,6 +76,7 @@ pub use robust::{
     GatedScale, Loss, LossMoments, StudentTScale, TruncatedNormal, gated_scale, median_absolute_deviation,
     median_magnitude_scale, sandwich_factor,
 };
+pub use smoothness_posterior::{PenalizedReadings, SmoothnessPosterior};
 pub use variance_components::{
     IteratedVarianceComponents, VarianceComponent, VarianceComponents, iterate_variance_components,
 };

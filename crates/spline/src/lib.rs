@@ -39,6 +39,7 @@
 //! ```
 
 mod base;
+mod base_fit;
 mod basis;
 mod cell_information;
 mod directed_moments;
@@ -59,6 +60,7 @@ mod tangent_rows;
 mod tessellation;
 
 pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes};
+pub use base_fit::{fit_base_shape, scatter_about, shape_parameters};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
 pub use cell_information::{CellCovariance, CellInformation, scalar_element, variance_along};
 pub use directed_moments::{DirectedMoments, DirectedSums};

@@ -10,8 +10,9 @@
 //! | refine | `refine` (`misfit`, `division`) | a `ConvergedFit`: surface, feet, noise, smoothness weight |
 //! | finish | `finish` | a [`Fit`]: information, covariance, report |
 //!
-//! Large clouds pass these stages with a first batch; `batches` adds the others. Other strategies replace
-//! stages (see [`Strategy`]): `known_parameters` all of them, `patch` filters readings one at a time,
+//! `few_readings` replaces the first surface and the refinement if there are few. Large clouds pass these
+//! stages with a first batch; `batches` adds the others. Other strategies replace stages (see [`Strategy`]):
+//! `known_parameters` all of them, `patch` filters readings one at a time,
 //! `motion` and `bending` follow an object through time. `update` adds readings to a saved model.
 
 mod batches;
@@ -20,6 +21,7 @@ mod bending_energy;
 mod bending_report;
 mod division;
 mod enclosed;
+mod few_readings;
 mod finish;
 mod first;
 mod formation;
@@ -29,6 +31,8 @@ mod indicator;
 mod inferred;
 mod known_parameters;
 mod leaves;
+mod marginal;
+mod minimum;
 mod misfit;
 mod motion;
 mod noise;
@@ -346,6 +350,11 @@ fn converge(
              do not determine the position of the surface: add positions (a few touch points are enough), \
              or specify kind = \"range\" if the points of these sensors are measured as well",
         ));
+    }
+    if few_readings::is_few(observations)
+        && let Some(converged) = few_readings::fit_few_readings(observations, options, progress)?
+    {
+        return Ok(converged);
     }
     let surface = first_surface(observations, options, 1, progress)?;
     let subset = observations.fitted();

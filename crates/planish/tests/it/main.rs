@@ -11,6 +11,7 @@ mod calibration;
 mod clouds;
 mod contour_scene;
 mod contours;
+mod few_readings;
 mod filters;
 mod freeform;
 mod front_ends;

@@ -124,7 +124,7 @@ pub(super) fn finish(
     progress: &dyn Progress,
 ) -> Result<Fit> {
     let ConvergedFit { surface, system, subset, feet, noise, weight, prior, mut at, .. } = converged;
-    let ConvergedFit { reached_limit, reached_tolerance, kind, refined, .. } = converged;
+    let ConvergedFit { reached_limit, reached_tolerance, kind, refined, marginal, .. } = converged;
     let FinishInput { set, observations, options, earlier, added, origin } = input;
     progress.check("information", 0.9)?;
     let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
@@ -184,10 +184,14 @@ pub(super) fn finish(
     } else {
         degrees_of_channels(&seen, &channels, &feet, &information)?
     };
-    let noise = this.final_noise(noise, &degrees)?;
+    // The posterior of few readings has found the noise already.
+    let noise = if marginal.is_some() { noise } else { this.final_noise(noise, &degrees)? };
     // The unresolved shape comes after the noise, by which its test weighs the residuals.
-    let left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
+    let mut left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
     let unresolved = UnresolvedShape::from_leaves(&left, &leaf_areas(&model.surface));
+    if let Some(marginal) = &marginal {
+        left.iter_mut().zip(marginal.excess(&seen)?).for_each(|(left, excess)| *left += excess);
+    }
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
     model.excess_variance = this.excess_variance(&model.surface, left, &shared);
     this.add_support(&mut model, &verdict.misfit.feet)?;

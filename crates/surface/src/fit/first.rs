@@ -116,7 +116,12 @@ fn positions_and_normals(readings: &ReadingColumns, sample: &[u32]) -> (Vec<DVec
 
 /// A base grid of about `cells` cells whose sides are multiples of `multiple`; fewer cells if it would have
 /// more than `max_nodes` nodes.
-fn base_grid(base: &BaseShape, cells: usize, multiple: usize, max_nodes: usize) -> Result<[usize; 2]> {
+pub(super) fn base_grid(
+    base: &BaseShape,
+    cells: usize,
+    multiple: usize,
+    max_nodes: usize,
+) -> Result<[usize; 2]> {
     let mut cells = cells;
     let mut around = match base.shape {
         Shape::Sheet | Shape::Ball => [0, 0],

@@ -415,6 +415,7 @@ pub(super) fn update_patches(
         reached_tolerance: false,
         refined: RefinementLog::default(),
         kind: ConvergedKind::AlongNormals,
+        marginal: None,
     };
     let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
@@ -527,5 +528,6 @@ pub(super) fn stream(
         }),
         noise: first.noise,
         weight: first.weight,
+        marginal: None,
     })
 }

@@ -12,6 +12,7 @@ use super::bending_energy::BendingEnergy;
 use super::division::{Misfit, chance_misfits, deepest, divided_within_budget, growth_log, log_divisions};
 use super::inferred::share_errors;
 use super::leaves::leaf_areas;
+use super::marginal::MarginalHeights;
 use super::misfit::misfit;
 use super::noise::SensorNoise;
 use super::patch::PatchFilterOutcome;
@@ -73,7 +74,7 @@ const STIFFEST: f64 = 2.0;
 const MAX_WEIGHT_CHANGE: f64 = 5.0;
 /// σ of tangential motion, as a share of a leaf's size. It names points of the surface without a measurable
 /// effect on its shape. See decision 0002.
-const TANGENTIAL_HOLD: f64 = 0.5;
+pub(super) const TANGENTIAL_HOLD: f64 = 0.5;
 
 /// A surface that has converged on its observations.
 pub(super) struct ConvergedFit {
@@ -93,6 +94,8 @@ pub(super) struct ConvergedFit {
     /// The divisions made on the way.
     pub refined: RefinementLog,
     pub kind: ConvergedKind,
+    /// The posterior over σ and the weight, if the readings were few.
+    pub marginal: Option<MarginalHeights>,
 }
 
 /// How the vertices of a converged surface are known; each kind becomes a [`crate::model::Knowledge`].
@@ -439,6 +442,7 @@ impl Refinement<'_> {
             reached_tolerance: false,
             refined: RefinementLog::default(),
             kind: ConvergedKind::AlongNormals,
+            marginal: None,
         })
     }
 }

@@ -82,6 +82,7 @@ pub(super) fn add_to_model(
         reached_tolerance: false,
         refined: RefinementLog::default(),
         kind: ConvergedKind::AlongNormals,
+        marginal: None,
         system,
     })
 }

@@ -173,6 +173,7 @@ impl Sheet<'_> {
             reached_tolerance: false,
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,
+            marginal: None,
         };
         Ok(BentState { converged, beyond, held })
     }

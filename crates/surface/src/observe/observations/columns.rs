@@ -26,7 +26,7 @@ pub struct ReadingColumns {
     /// Index of the reading among the scan's kept readings.
     pub(super) index: Vec<u32>,
     /// True if the sign of the normal is known, from the scan or its viewpoint.
-    pub(super) oriented: Vec<bool>,
+    pub(crate) oriented: Vec<bool>,
     /// Index of each reading in its scan's file, until normals and curvatures are added.
     pub(super) source: Vec<u32>,
 }
