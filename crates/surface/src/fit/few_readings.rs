@@ -11,7 +11,7 @@ mod base;
 
 use super::FitOptions;
 use super::first::base_grid;
-use super::leaves::{leaf_areas, observed_leaves};
+use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
 use super::marginal::{MarginalHeights, row_of_heights};
 use super::minimum::{free_parameters, refuse_line, refuse_too_few, refuse_vague};
 use super::noise::SensorNoise;
@@ -372,7 +372,7 @@ fn sigma_of_readings(feet: &[Foot], factors: &[f64], readings: ProjectedReadings
 
 /// Median σ of the surface at the middles of its measured leaves.
 fn median_sigma(marginal: &MarginalHeights, surface: &Surface, feet: &[Foot], information: &[f64]) -> f64 {
-    let observed = observed_leaves(surface, feet, information);
+    let observed = with_neighbours(surface.space(), &leaves_with_feet(surface, feet, information, |_| true));
     let mut variances: Vec<f64> = (0..observed.len())
         .filter(|&leaf| observed[leaf])
         .map(|leaf| marginal.variance_in(surface, leaf, [0.5; 2]))
