@@ -206,8 +206,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let mesh_tolerance = job.mesh_tolerance.map(|length| length.in_unit(fitted.model.unit));
     let mut states_prepared = Vec::new();
     for (state, outputs) in &states {
-        let options =
-            OutputOptions { mesh_tolerance, untrimmed: job.untrimmed, ..OutputOptions::default() };
+        let options = OutputOptions { mesh_tolerance, untrimmed: job.untrimmed, ..OutputOptions::default() };
         states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
     }
     // Drawing can be interrupted, writing cannot.

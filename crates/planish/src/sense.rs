@@ -35,8 +35,8 @@ use planish_exchange::raster::write_raster;
 use planish_exchange::{Unit, extension};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
-    Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected,
-    lights_from_ball, match_stereo, normals_from_colours, photometric_normals,
+    PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball,
+    match_stereo, normals_from_colours, photometric_normals,
 };
 pub use planish_surface::model::SigmaSummary;
 use serde::Serialize;

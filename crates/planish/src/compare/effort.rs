@@ -5,7 +5,7 @@
 
 use planish_core::{DVec3, Finding, FindingCode};
 use planish_mesh::{ClosestPoint, MeshSearch};
-use planish_report::numbers::{count, counted};
+use planish_report::numbers::count;
 
 /// Maximum number of triangles that all searches of one direction visit. It bounds the time to a few seconds;
 /// a million points on a surface need a tenth of it.

@@ -381,8 +381,9 @@ fn median_sigma(marginal: &MarginalHeights, surface: &Surface, feet: &[Foot], in
     variances.get(variances.len() / 2).map_or(f64::INFINITY, |variance| variance.sqrt())
 }
 
-/// Heights, node by node, of motions and changes of size of the base that the plate resists: it does not know
-/// that they keep the shape.
+/// Heights, node by node, of changes of the base that the plate resists, but the prior should not: motions and
+/// changes of size keep the shape, and the curvatures of a sheet are the first thing that tells it from a
+/// plane.
 fn free_motions(base: &BaseShape, reference: &Surface, directions: &[DVec3]) -> Vec<DVector<f64>> {
     let [e1, e2, e3] = base.frame;
     let of = |motion: &dyn Fn(DVec3) -> DVec3| {
@@ -393,7 +394,10 @@ fn free_motions(base: &BaseShape, reference: &Surface, directions: &[DVec3]) -> 
     let turn = |e: DVec3| of(&|p| e.cross(p));
     match base.shape {
         // An affine height has no energy.
-        Shape::Sheet => Vec::new(),
+        Shape::Sheet => {
+            let curved = |a: DVec3, b: DVec3| of(&|p| p.dot(a) * p.dot(b) * e3);
+            vec![curved(e1, e1), curved(e1, e2), curved(e2, e2)]
+        }
         Shape::Ball => vec![shift(e1), shift(e2), shift(e3)],
         Shape::Tube => vec![shift(e1), shift(e2), turn(e1), turn(e2)],
         Shape::Torus => {

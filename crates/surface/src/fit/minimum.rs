@@ -22,13 +22,12 @@ const MIN_WIDTH: f64 = 3.0;
 /// A 95 % interval of half the size holds shapes of all kinds: σ no longer describes the surface.
 const MAX_SIGMA: f64 = 0.125;
 
-/// Free parameters of a shape, whose changes the prior does not resist: a plane has 3, a ball 4, a circular
-/// cone (of which a cylinder is one) 6, a torus 7.
+/// Free parameters of a shape, whose changes the prior does not resist: a quadratic height field has 6, a ball
+/// 4, a circular cone (of which a cylinder is one) 6, a torus 7.
 pub(super) fn free_parameters(shape: Shape) -> usize {
     match shape {
-        Shape::Sheet => 3,
+        Shape::Sheet | Shape::Tube => 6,
         Shape::Ball => 4,
-        Shape::Tube => 6,
         Shape::Torus => 7,
     }
 }

@@ -38,7 +38,7 @@ pub struct PredictiveSigma {
 }
 
 impl PredictiveSigma {
-    /// From errors at increasing distances; `growth` is the power of the distance with which the factor grows
+    /// From errors at increasing distances; `growth` is the power of the distance with which σ grows
     /// beyond the last, and `largest` bounds σ.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl PredictiveSigma {
         &self.errors
     }
 
-    /// The power of the distance with which the factor grows beyond the last error.
+    /// The power of the distance with which σ grows beyond the last error.
     #[must_use]
     pub fn growth(&self) -> f64 {
         self.growth
@@ -109,7 +109,10 @@ impl PredictiveSigma {
                 let t = (distance / a.distance).ln() / (b.distance / a.distance).ln();
                 (a.factor * (b.factor / a.factor).powf(t), a.floor + t * (b.floor - a.floor))
             }
-            (Some(last), None) => (last.factor * (distance / last.distance).powf(self.growth), last.floor),
+            (Some(last), None) => {
+                let grown = (distance / last.distance).powf(self.growth);
+                (last.factor * grown, last.floor * grown)
+            }
             (None, Some(first)) => (first.factor, first.floor),
             (None, None) => (1.0, 0.0),
         }

@@ -1,11 +1,15 @@
 //! How well the prior predicts surface without readings: whole regions of the readings are left out, predicted
 //! from the others, and compared.
 //!
-//! Regions are balls of readings around places at the rim of the data and inside it, with radii from a few
-//! spacings up to the largest distance of unobserved surface. All regions of one size that are far from each
-//! other are left out together, so each set of regions costs one step of the fit and one selected inverse. The
-//! errors of a region are correlated; `m` regions therefore have `m` degrees of freedom, and the quantile of
-//! Student's t with `m` degrees replaces that of the normal distribution.
+//! Regions are of two kinds. Balls of readings around places at the rim of the data and inside it, with radii
+//! from a few spacings up to the largest distance of unobserved surface, show how well holes are closed. Caps,
+//! all readings on the unobserved side of a plane, show how well a side that nobody saw is continued: surface
+//! that is held from one side only errs several times more. The larger error of the two kinds counts.
+//!
+//! All balls of one size that are far from each other are left out together, so each set of regions costs one
+//! step of the fit and one selected inverse. The errors of a region are correlated; `m` regions therefore have
+//! `m` degrees of freedom, and the quantile of Student's t with `m` degrees replaces that of the normal
+//! distribution.
 
 use super::Finishing;
 use crate::fit::support::{Supporters, search_tree};
@@ -38,12 +42,16 @@ const MAX_REGIONS: usize = 24;
 const TRIES: usize = 100;
 /// Readings of a set that are compared. Their errors are correlated, so more would not help.
 const MAX_COMPARED: usize = 3000;
+/// Shares of the readings in successive caps.
+const CAP_SHARES: [f64; 2] = [0.5, 0.3];
 /// Control vertices over all sets. Each set costs as much as an iteration of the fit.
 const MAX_NODES: usize = 40_000;
 /// Ratio of the distances of successive steps.
 const DISTANCE_STEP: f64 = 1.5;
 /// Readings that a step must have.
 const MIN_READINGS: usize = 4;
+/// Regions that a kind must have where the other kind has as many.
+const MIN_REGIONS: usize = 3;
 /// Limits of the power of the distance with which errors grow beyond the tested ones. A surface that is
 /// continued with constant curvature deviates with the square of the distance.
 const GROWTH: [f64; 2] = [0.0, 2.0];
@@ -58,8 +66,17 @@ struct RegionErrors {
     count: usize,
 }
 
-/// By step of the distance and region.
-type ErrorsByDistance = BTreeMap<i32, BTreeMap<usize, RegionErrors>>;
+/// What a set of regions leaves out.
+#[derive(Clone, Copy)]
+enum Regions {
+    /// Balls of this radius.
+    Balls(f64),
+    /// This share of the readings, on one side of a plane.
+    Cap(f64),
+}
+
+/// By step of the distance and kind (true for caps), the errors of each region.
+type ErrorsByDistance = BTreeMap<i32, [BTreeMap<usize, RegionErrors>; 2]>;
 
 impl Finishing<'_> {
     /// How errors of unobserved surface exceed the covariance, from left-out regions; that of the earlier
@@ -95,11 +112,15 @@ impl Finishing<'_> {
         let mut errors = ErrorsByDistance::new();
         let mut regions = 0;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        for radius in radii(smallest, largest, MAX_NODES / model.surface.space().node_count().max(1)) {
-            let left_out = choose_regions(&points, &unobserved, radius, &mut rng)?;
+        let max_sets = MAX_NODES / model.surface.space().node_count().max(1);
+        for set in sets_of_regions(smallest, largest, max_sets) {
+            let (left_out, kind) = match set {
+                Regions::Balls(radius) => (balls(&points, &unobserved, radius, &mut rng)?, 0),
+                Regions::Cap(share) => (cap(&points, &unobserved, middle, share, &mut rng), 1),
+            };
             let of_set = self.errors_of_set(model, &readings, &left_out)?;
             for ((step, region), sums) in of_set {
-                errors.entry(step).or_default().insert(regions + region, sums);
+                errors.entry(step).or_default()[kind].insert(regions + region, sums);
             }
             regions += left_out.iter().flatten().max().map_or(0, |last| last + 1);
         }
@@ -230,15 +251,32 @@ fn unobserved_places(model: &SurfaceModel) -> Vec<(DVec3, f64)> {
         .collect()
 }
 
-/// Radii of the sets of regions. Large regions are few in a set, so they have more sets.
-fn radii(smallest: f64, largest: f64, max_sets: usize) -> Vec<f64> {
-    let at = |share: f64| smallest * (largest / smallest).powf(share);
-    let all = [at(1.0), at(0.5), at(1.0), at(0.0), at(0.75), at(1.0), at(0.5), at(1.0), at(0.75)];
+/// The sets of regions, the most important first.
+fn sets_of_regions(smallest: f64, largest: f64, max_sets: usize) -> Vec<Regions> {
+    let balls = |share: f64| Regions::Balls(smallest * (largest / smallest).powf(share));
+    let [half, less] = CAP_SHARES.map(Regions::Cap);
+    let all = [half, balls(0.5), half, balls(1.0), less, balls(0.0), half, balls(0.75), less, half];
     all[..max_sets.clamp(2, all.len())].to_vec()
 }
 
+/// The given share of the points, on that side of a plane where some unobserved place is: one region.
+fn cap(
+    points: &[DVec3],
+    unobserved: &[(DVec3, f64)],
+    middle: DVec3,
+    share: f64,
+    rng: &mut ChaCha8Rng,
+) -> Vec<Option<usize>> {
+    let (place, _) = unobserved[rng.random_range(0..unobserved.len())];
+    let heights: Vec<f64> = points.iter().map(|p| (place - middle).dot(*p - middle)).collect();
+    let mut sorted = heights.clone();
+    let rank = ((1.0 - share) * points.len() as f64) as usize;
+    let (_, limit, _) = sorted.select_nth_unstable_by(rank.min(points.len() - 1), f64::total_cmp);
+    heights.iter().map(|height| (height > limit).then_some(0)).collect()
+}
+
 /// For each point, the region in which it is left out.
-fn choose_regions(
+fn balls(
     points: &[DVec3],
     unobserved: &[(DVec3, f64)],
     radius: f64,
@@ -277,22 +315,32 @@ fn choose_regions(
     Ok(left_out)
 }
 
-/// The errors by distance: mean squares over the regions, times the quantile of their number.
+/// The errors by distance: mean squares over the regions of a kind, times the quantile of their number.
 fn law(errors: &ErrorsByDistance, spacing: f64, largest: f64) -> Result<Option<PredictiveSigma>> {
     let mut found: Vec<PredictionError> = Vec::new();
     let (mut factor, mut floor) = (1.0_f64, 0.0_f64);
-    for (&step, regions) in errors {
-        if regions.values().map(|r| r.count).sum::<usize>() < MIN_READINGS {
+    for (&step, kinds) in errors {
+        let mut tested: Vec<_> = (kinds.iter())
+            .filter(|regions| regions.values().map(|r| r.count).sum::<usize>() >= MIN_READINGS)
+            .collect();
+        // Student's t of one or two regions is so wide that it says less than the other kind.
+        if tested.iter().any(|regions| regions.len() >= MIN_REGIONS) {
+            tested.retain(|regions| regions.len() >= MIN_REGIONS);
+        }
+        if tested.is_empty() {
             continue;
         }
-        // Each region counts once: a large one has more readings, but one error.
-        let mean =
-            |of: &dyn Fn(&RegionErrors) -> f64| regions.values().map(of).sum::<f64>() / regions.len() as f64;
-        let ratio = mean(&|r| (r.square / r.variance.max(f64::MIN_POSITIVE)).max(0.0));
-        let square = mean(&|r| (r.square / r.count as f64).max(0.0));
-        let quantile = student_quantile(regions.len()) / NORMAL_QUANTILE;
-        factor = factor.max(quantile * ratio.sqrt());
-        floor = floor.max(square.sqrt());
+        for regions in tested {
+            // Each region counts once: a large one has more readings, but one error.
+            let mean = |of: &dyn Fn(&RegionErrors) -> f64| {
+                regions.values().map(of).sum::<f64>() / regions.len() as f64
+            };
+            let ratio = mean(&|r| (r.square / r.variance.max(f64::MIN_POSITIVE)).max(0.0));
+            let square = mean(&|r| (r.square / r.count as f64).max(0.0));
+            let quantile = student_quantile(regions.len()) / NORMAL_QUANTILE;
+            factor = factor.max(quantile * ratio.sqrt());
+            floor = floor.max(quantile * square.sqrt());
+        }
         let distance = spacing * DISTANCE_STEP.powf(f64::from(step) + 0.5);
         found.push(PredictionError { distance, factor, floor });
     }
