@@ -71,8 +71,8 @@ pub use reml::{
     log_pseudo_determinant, maximize_restricted_likelihood,
 };
 pub use robust::{
-    GatedScale, Loss, LossMoments, StudentTScale, TruncatedNormal, gated_scale, median_absolute_deviation,
-    median_magnitude_scale, sandwich_factor,
+    GatedScale, Loss, LossMoments, StudentTScale, TruncatedNormal, gated_scale, gated_scale_from,
+    median_absolute_deviation, median_magnitude_scale, sandwich_factor,
 };
 pub use variance_components::{
     IteratedVarianceComponents, VarianceComponent, VarianceComponents, iterate_variance_components,

@@ -24,6 +24,8 @@ pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 
 use super::batches::AddedBatches;
 use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
+use super::local_misfit::{LeafMisfit, local_misfit};
+use super::misfit_report::MisfitReport;
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
@@ -185,7 +187,8 @@ pub(super) fn finish(
     let left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
     let unresolved = UnresolvedShape::from_leaves(&left, &leaf_areas(&model.surface));
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
-    model.excess_variance = this.excess_variance(&model.surface, left, &shared);
+    let misfits = local_misfit(&model.surface, readings, &noise, options.gate)?;
+    model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
 
     let judged = Judged {
         model: &model,
@@ -199,6 +202,7 @@ pub(super) fn finish(
             .sum::<f64>(),
         observed: this.observed(&model),
         unresolved,
+        misfit: MisfitReport::from_leaves(&model.surface, &misfits, origin),
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
@@ -225,6 +229,8 @@ struct Judged<'a> {
     observed: Vec<Observed>,
     /// The unresolved shape of the leaves, without the errors that readings share.
     unresolved: Option<UnresolvedShape>,
+    /// What the surface does not follow.
+    misfit: Option<MisfitReport>,
     ending: Ending,
 }
 
@@ -301,6 +307,7 @@ impl Finishing<'_> {
                 reached_limit: ending.reached_limit,
             },
         );
+        findings.extend(fit.misfit.as_ref().and_then(|found| found.finding(model.unit)));
         let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {
@@ -321,6 +328,7 @@ impl Finishing<'_> {
             poses,
             sigma,
             unresolved_shape: unresolved,
+            misfit: fit.misfit.clone(),
             observed_area_fraction,
             smoothness_weight: model.smoothness_weight,
             propagation: None,
@@ -406,22 +414,27 @@ impl Finishing<'_> {
             .collect();
         Ok(SensorNoise {
             variance_factors: before.variance_factors,
+            local_variance: before.local_variance,
             lacks_redundancy: before.lacks_redundancy,
             estimated_factors,
             ..found
         })
     }
 
-    /// For each leaf, what σ² contains besides the covariance: unresolved shape and errors that readings
-    /// share, and no less than what the earlier model had there, since other readings may have shown more.
-    /// Empty if there is none.
+    /// For each leaf, what σ² contains besides the covariance: unresolved shape or misfit, and errors that
+    /// readings share, and no less than what the earlier model had there, since other readings may have shown
+    /// more. Empty if there is none.
     fn excess_variance(
         &self,
         surface: &planish_spline::Surface,
         unresolved: Vec<f64>,
+        misfits: &[LeafMisfit],
         shared: &[f64],
     ) -> Vec<f64> {
         let mut excess = unresolved;
+        for (own, misfit) in excess.iter_mut().zip(misfits) {
+            *own = own.max(misfit.variance);
+        }
         for (own, shared) in excess.iter_mut().zip(shared) {
             *own += shared;
         }

@@ -418,6 +418,7 @@ impl Solved {
             observed_area_fraction: observed_share,
             // Unresolved shape is a finding here, because it is known for the grid as a whole only.
             unresolved_shape: None,
+            misfit: None,
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,
