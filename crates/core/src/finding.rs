@@ -96,6 +96,8 @@ codes! {
     DepthLimit = "depth-limit", Warning: "The maximum subdivision depth leaves shape unresolved.",
     CoefficientLimit = "coefficient-limit", Warning:
         "The maximum number of coefficients was reached before the residuals were noise.",
+    SurfaceNotFollowing = "surface-not-following", Warning:
+        "The surface does not follow all readings: an edge, a handle, a thin part or a wrong shape.",
     UnresolvedShape = "unresolved-shape", Warning: "The cells are too large for part of the shape.",
     PatchErrorsCorrelated = "patch-errors-correlated", Warning:
         "Residuals in some patches are correlated at the maximum depth.",

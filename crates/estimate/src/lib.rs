@@ -73,8 +73,8 @@ pub use reml::{
     log_pseudo_determinant, maximize_restricted_likelihood,
 };
 pub use robust::{
-    GatedScale, Loss, LossMoments, StudentTScale, TruncatedNormal, gated_scale, median_absolute_deviation,
-    median_magnitude_scale, sandwich_factor,
+    GatedScale, Loss, LossMoments, StudentTScale, TruncatedNormal, gated_scale, gated_scale_from,
+    median_absolute_deviation, median_magnitude_scale, sandwich_factor,
 };
 pub use smoothness_posterior::{PenalizedReadings, SmoothnessPosterior};
 pub use variance_components::{

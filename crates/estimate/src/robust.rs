@@ -431,6 +431,16 @@ pub struct GatedScale {
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
+    // The median is of the order of the true scale even if nearly half of the residuals are outliers. A gate
+    // of root mean squares would contain these outliers.
+    gated_scale_from(residuals, gate, median_magnitude_scale(residuals)?)
+}
+
+/// [`gated_scale`] from a given first scale, for data of which more than half may be contaminated.
+///
+/// # Errors
+/// As [`gated_scale`].
+pub fn gated_scale_from(residuals: &[f64], gate: f64, first: f64) -> Result<GatedScale> {
     // In a narrow gate the density is nearly constant, so that every σ is nearly a fixed point.
     if gate.is_nan() || gate < 1.0 {
         return Err(Error::input(format!(
@@ -438,9 +448,7 @@ pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
         )));
     }
     let truncated = TruncatedNormal::new(gate)?;
-    // The median is of the order of the true scale even if nearly half of the residuals are outliers. A gate
-    // of root mean squares would contain these outliers.
-    let mut sigma = median_magnitude_scale(residuals)?;
+    let mut sigma = first;
     let limit = 200;
     for iterations in 1..=limit {
         // The set inside the gate changes in discrete steps, so the iteration ends exactly, not

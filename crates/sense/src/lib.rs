@@ -4,6 +4,7 @@
 //! - [`Scan`], [`Sensor`], [`Noise`], [`Pose`]: points, their instrument, its errors, and where it stood.
 //! - [`scan_geometry`]: normals, and marks for depth edges and grazing readings. [`classify_ground`]: bare
 //!   earth.
+//! - [`neighbour_noise`]: noise of readings from their neighbours, without a surface.
 //! - [`match_stereo`], [`StereoCamera`], [`Rectification`]: dense stereo.
 //! - [`photometric_normals`]: normals from images under several lights.
 //! - [`stripes`]: normals and curvatures from crossed stripes. [`occluding`]: points from occluding contours.
@@ -36,6 +37,7 @@ mod depth_camera;
 mod edges;
 mod ground;
 mod image;
+mod neighbour_noise;
 mod normals;
 pub mod occluding;
 mod photometric;
@@ -53,6 +55,7 @@ pub use depth_camera::DepthCamera;
 pub use edges::{EdgeOptions, EdgePoint, edge_points};
 pub use ground::{Ground, GroundOptions, classify_ground};
 pub use image::Image;
+pub use neighbour_noise::{NeighbourNoise, SharedNeighbourNoise, neighbour_noise};
 pub use normals::{
     CloudGeometry, PointFlag, ScanChecks, ScanGeometry, cloud_geometry, local_roughness, orient_normals,
     ray_at, scan_geometry,

@@ -311,7 +311,7 @@ pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
     Some(*found.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-fn tree(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
+pub(crate) fn tree(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
     if points.len() < 3 {
         return Err(Error::undetermined(format!(
             "expected at least 3 points for normals, found {}",
@@ -330,7 +330,7 @@ fn mean(points: &[DVec3]) -> DVec3 {
 
 /// The eigenvector of least variance of a few points and that variance over the sum of all three, by the
 /// closed form for symmetric 3 × 3 matrices.
-fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
+pub(crate) fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
     let mean = mean(points);
     let mut m = [DVec3::ZERO; 3];
     for p in points {

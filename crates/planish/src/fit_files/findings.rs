@@ -27,7 +27,8 @@ pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
     let share = share_rejected(scans);
     let mut found: Vec<Finding> = scans.iter().filter_map(|scan| misfit(scan, share, unit)).collect();
     found.extend(held_out(report));
-    if report.termination == FitTermination::Converged && report.verdict == FitVerdict::Converged {
+    let follows = report.verdict == FitVerdict::Converged && report.misfit.is_none();
+    if report.termination == FitTermination::Converged && follows {
         let text = "the fit converged: only noise remains in the residuals";
         found.push(Finding::new(FindingCode::Converged, text));
     }

@@ -28,6 +28,8 @@ pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 
 use super::batches::AddedBatches;
 use super::leaves::leaf_areas;
+use super::local_misfit::{LeafMisfit, local_misfit};
+use super::misfit_report::MisfitReport;
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
@@ -193,7 +195,8 @@ pub(super) fn finish(
         left.iter_mut().zip(marginal.excess(&seen)?).for_each(|(left, excess)| *left += excess);
     }
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
-    model.excess_variance = this.excess_variance(&model.surface, left, &shared);
+    let misfits = local_misfit(&model.surface, readings, &noise, options.gate)?;
+    model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
     this.add_support(&mut model, &verdict.misfit.feet)?;
 
     let judged = Judged {
@@ -208,6 +211,7 @@ pub(super) fn finish(
             .sum::<f64>(),
         unresolved,
         verdict: &verdict,
+        misfit: MisfitReport::from_leaves(&model.surface, &misfits, origin),
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
@@ -232,6 +236,8 @@ struct Judged<'a> {
     /// The unresolved shape of the leaves, without the errors that readings share.
     unresolved: Option<UnresolvedShape>,
     verdict: &'a Verdict,
+    /// What σ contains because the surface does not follow it.
+    misfit: Option<MisfitReport>,
     ending: Ending,
 }
 
@@ -304,7 +310,9 @@ impl Finishing<'_> {
                 reached_limit: ending.reached_limit,
             },
         );
-        findings.extend(fit.verdict.finding.clone());
+        // Places that the verdict names are far from the surface, and contain those of larger residuals.
+        let misfit = || fit.misfit.as_ref().and_then(|found| found.finding(model.unit));
+        findings.extend(fit.verdict.finding.clone().or_else(misfit));
         let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {
@@ -325,6 +333,7 @@ impl Finishing<'_> {
             poses,
             sigma,
             unresolved_shape: unresolved,
+            misfit: fit.misfit.clone(),
             observed_area_fraction,
             verdict: fit.verdict.verdict,
             unresolved_area_fraction: fit.verdict.misfit.area_fraction,
@@ -432,22 +441,27 @@ impl Finishing<'_> {
             .collect();
         Ok(SensorNoise {
             variance_factors: before.variance_factors,
+            local_variance: before.local_variance,
             lacks_redundancy: before.lacks_redundancy,
             estimated_factors,
             ..found
         })
     }
 
-    /// For each leaf, what σ² contains besides the covariance: unresolved shape and errors that readings
-    /// share, and no less than what the earlier model had there, since other readings may have shown more.
-    /// Empty if there is none.
+    /// For each leaf, what σ² contains besides the covariance: unresolved shape or misfit, and errors that
+    /// readings share, and no less than what the earlier model had there, since other readings may have shown
+    /// more. Empty if there is none.
     fn excess_variance(
         &self,
         surface: &planish_spline::Surface,
         unresolved: Vec<f64>,
+        misfits: &[LeafMisfit],
         shared: &[f64],
     ) -> Vec<f64> {
         let mut excess = unresolved;
+        for (own, misfit) in excess.iter_mut().zip(misfits) {
+            *own = own.max(misfit.variance);
+        }
         for (own, shared) in excess.iter_mut().zip(shared) {
             *own += shared;
         }

@@ -429,6 +429,7 @@ impl Solved {
             verdict: super::FitVerdict::Converged,
             unresolved_area_fraction: 0.0,
             unresolved_places: Vec::new(),
+            misfit: None,
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,

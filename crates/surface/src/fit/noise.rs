@@ -4,7 +4,7 @@
 //! to reading. A channel without a stated σ has stated variance 1.
 
 use super::shared_errors::MAX_OVERSTATEMENT;
-use crate::observe::{Channel, FootState, ProjectedReadings, Quantity};
+use crate::observe::{Channel, Foot, FootState, ProjectedReadings, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
 /// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
@@ -23,6 +23,14 @@ pub(super) const MIN_REDUNDANCY: f64 = 0.2;
 /// The standard error of σ from 8 components is 25 %; below that, the scale of all readings of the quantity
 /// is safer.
 const MIN_FOR_SCALE: usize = 8;
+
+/// Largest scale of the differences to wide neighbourhoods over a stated σ that are errors and not shape. The
+/// differences contain some shape when shared errors are complete in them.
+const MAX_SHARED_SIGMA: f64 = 1.3;
+
+/// Smallest scale of independent residuals over the stated σ for which the statement counts as cautious.
+/// Below, they may be rounding of points that were smoothed.
+const MIN_INDEPENDENT: f64 = 0.1;
 
 /// Variance of rounding, over the stated variance, for quantities that are not lengths.
 const MIN_RELATIVE_VARIANCE: f64 = 1e-24;
@@ -50,6 +58,9 @@ pub(super) struct SensorNoise {
     /// Share of the stated variance that neighbouring readings have in common: see
     /// [`super::shared_errors`].
     pub shared_share: Vec<f64>,
+    /// For each leaf the variance of its positions beyond that of the sensors, where the surface does not
+    /// follow them: see [`super::local_misfit`]. Empty while the shape is being found.
+    pub local_variance: Vec<f64>,
     /// Plausible upper bound of the variance over that stated: 1 if σ was stated, less if neighbouring points
     /// agree better.
     pub factor_bounds: Vec<f64>,
@@ -84,6 +95,7 @@ impl SensorNoise {
             count: vec![0; count],
             is_contradicted: vec![false; count],
             shared_share: vec![0.0; count],
+            local_variance: Vec::new(),
             factor_bounds,
             lacks_redundancy: vec![false; count],
         }
@@ -91,7 +103,16 @@ impl SensorNoise {
 
     /// Variance of the reading of foot `k`, as the fit uses it.
     pub(super) fn variance(&self, readings: ProjectedReadings<'_>, k: usize) -> f64 {
-        self.variance_factors[readings.channel(k)] * readings.feet[k].variance
+        self.of_foot(readings.channel(k), &readings.feet[k])
+    }
+
+    /// Variance of a reading of `channel` with this foot, as the fit uses it.
+    pub(super) fn of_foot(&self, channel: usize, foot: &Foot) -> f64 {
+        let local = match foot.quantity {
+            Quantity::Position => self.local_variance.get(foot.leaf as usize).copied().unwrap_or(0.0),
+            Quantity::Normal | Quantity::Curvature => 0.0,
+        };
+        self.variance_factors[channel] * foot.variance + local
     }
 
     /// Keeps the noise from before an update for channels without a stated σ that lack redundancy.
@@ -117,8 +138,9 @@ impl SensorNoise {
 
     /// Estimates every channel from its residuals, with a correction for the gate.
     ///
-    /// Residuals larger than a stated σ contradict it. Smaller ones do not, because the surface follows
-    /// errors that neighbours share: a stated σ is lowered only if `rules` permit it.
+    /// Residuals larger than a stated σ contradict it if the differences of neighbours do, too: the surface
+    /// may not follow the shape. Smaller residuals do not, because the surface follows errors that neighbours
+    /// share: a stated σ is lowered only if `rules` permit it.
     ///
     /// `degrees` are the effective degrees of freedom that each channel's readings determine; their χ² is
     /// smaller by that number. Before convergence the surface still misses shape, so a channel whose
@@ -177,43 +199,89 @@ impl SensorNoise {
             // Residuals are smaller than the errors of the readings, by the degrees of freedom that these
             // determine.
             let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
-            let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
-            noise.estimated_factors[channel] =
-                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(min_variance);
-            let ratio = noise.estimated_factors[channel].sqrt();
-            // An estimated σ of n redundant readings has the relative standard error 1/√(2n).
-            let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
-            // The surface follows errors that neighbours share, so small residuals do not prove small errors.
-            let may_be_smaller = may_lower && !observations.channels[channel].correlated_errors;
-            let is_determined = redundancy > MIN_REDUNDANCY && redundant > MIN_FOR_CONTRADICTION;
-            let smaller = ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
-            let larger = ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error;
-            let off = is_determined && (larger || may_be_smaller && smaller);
-            let is_stated = observations.channels[channel].stated;
-            let far_smaller = MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0;
-            if is_stated && is_determined && !off && far_smaller {
-                noise.shared_share[channel] = 1.0 - noise.estimated_factors[channel];
-            }
-            if !observations.channels[channel].stated {
-                noise.variance_factors[channel] = noise.estimated_factors[channel];
-            } else if !converged {
-                noise.variance_factors[channel] =
-                    noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
-            } else {
-                // Residuals also contain what the surface does not follow, which is no error of the sensor:
-                // the scatter of neighbours bounds how far they can raise its σ.
-                let bound = observations.channels[channel]
-                    .roughness
-                    .map_or(f64::INFINITY, |roughness| (ROUGHNESS_TO_NOISE * roughness).max(1.0));
-                let believed = noise.estimated_factors[channel].min(bound);
-                let is_contradicted = off && (believed < 1.0 || believed > STATED_SIGMA_TOLERANCE.powi(2));
-                noise.variance_factors[channel] = if is_contradicted { believed } else { 1.0 };
-                noise.is_contradicted[channel] = is_contradicted;
-            }
+            let factor = (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(min_variance);
+            let residuals = ResidualScale { factor, redundancy, kept: scale.kept };
+            noise.judge(&observations.channels[channel], channel, residuals, may_lower, converged);
         }
         Ok(noise)
     }
+
+    /// Decides between the stated σ of a channel, that of its residuals and that by neighbours.
+    fn judge(
+        &mut self,
+        of: &Channel,
+        channel: usize,
+        residuals: ResidualScale,
+        may_lower: bool,
+        converged: bool,
+    ) {
+        let ResidualScale { factor, redundancy, kept } = residuals;
+        if !converged {
+            self.estimated_factors[channel] = factor;
+            self.variance_factors[channel] =
+                if of.stated { factor.max(self.factor_bounds[channel]) } else { factor };
+            return;
+        }
+        let neighbours = of.independent_noise();
+        // Residuals larger than neighbours allow contain shape that the surface does not follow. Where
+        // quadrics give no estimate, the scatter about planes is the bound of a stated σ.
+        let factor = match neighbours {
+            Some(found) => {
+                let upper = found.shared.map_or(found.upper, |shared| shared.sigma.max(found.upper));
+                let largest = STATED_SIGMA_TOLERANCE + 3.0 * found.standard_error;
+                if factor.sqrt() <= largest * upper { factor } else { upper * upper }
+            }
+            None if of.stated => {
+                let bound = of.roughness.map_or(f64::INFINITY, |roughness| ROUGHNESS_TO_NOISE * roughness);
+                factor.min(bound.max(1.0))
+            }
+            None => factor,
+        };
+        self.estimated_factors[channel] = factor;
+        if !of.stated {
+            self.variance_factors[channel] = factor;
+            return;
+        }
+        let redundant = redundancy * kept as f64;
+        let ratio = factor.sqrt();
+        // An estimated σ of n redundant readings has the relative standard error 1/√(2n).
+        let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
+        // The surface follows errors that neighbours share, so small residuals do not prove small errors.
+        let may_be_smaller = may_lower && !of.correlated_errors;
+        let is_determined = redundancy > MIN_REDUNDANCY && redundant > MIN_FOR_CONTRADICTION;
+        let smaller = ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
+        let confirmed = neighbours.is_none_or(|found| {
+            found.lower - 3.0 * found.standard_error * found.upper > STATED_SIGMA_TOLERANCE
+        });
+        let larger = confirmed && ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error;
+        let off = is_determined && (larger || may_be_smaller && smaller);
+        // Differences of neighbours as large as the residuals show independent errors, as an instrument has
+        // them that is better than its data sheet.
+        let are_independent = ratio > MIN_INDEPENDENT
+            && neighbours.is_some_and(|found| found.shared.is_none() && found.lower > 0.9 * ratio);
+        let far_smaller = MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0 && !are_independent;
+        // Differences that grow with the neighbourhood up to the stated σ are errors that neighbours share.
+        let shared = of.neighbour_noise.and_then(|found| found.shared);
+        let are_shared = shared.is_some_and(|found| found.sigma <= MAX_SHARED_SIGMA)
+            && STATED_SIGMA_TOLERANCE * (ratio + 3.0 * standard_error) < 1.0;
+        if is_determined && !off && (far_smaller || are_shared) {
+            self.shared_share[channel] = 1.0 - factor;
+        }
+        self.variance_factors[channel] = if off { factor } else { 1.0 };
+        self.is_contradicted[channel] = off;
+    }
+}
+
+/// The scale of a channel's residuals.
+#[derive(Clone, Copy)]
+struct ResidualScale {
+    /// Variance over the stated variance, corrected for the gate and the degrees of freedom.
+    factor: f64,
+    /// Share of the residuals that the surface did not use up.
+    redundancy: f64,
+    /// Residuals within the gate.
+    kept: usize,
 }
 
 /// Sums over the residuals of one sensor's readings.

@@ -12,6 +12,7 @@ use super::bending_energy::BendingEnergy;
 use super::division::{Misfit, chance_misfits, deepest, divided_within_budget, growth_log, log_divisions};
 use super::inferred::share_errors;
 use super::leaves::leaf_areas;
+use super::local_misfit::local_variances;
 use super::marginal::MarginalHeights;
 use super::misfit::misfit;
 use super::noise::SensorNoise;
@@ -323,6 +324,9 @@ impl Refinement<'_> {
         // The noise needs degrees of freedom, and these need a solution. A rough guess starts the cycle.
         let degrees = self.degrees.get_or_insert_with(|| first_degrees(&self.surface, &channels));
         self.noise = SensorNoise::estimate(readings, self.options.noise_rules(), degrees, round.is_last)?;
+        if round.is_last {
+            self.noise.local_variance = local_variances(&self.surface, readings, &self.noise, gate)?;
+        }
         let information = weights(readings, &self.noise, gate, !round.is_last);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(
@@ -421,7 +425,8 @@ impl Refinement<'_> {
         let feet = self.project(&subset);
         let readings = ProjectedReadings { observations: self.observations, subset: &subset, feet: &feet };
         let degrees = self.degrees.as_deref().unwrap_or(&[]);
-        let noise = SensorNoise::estimate(readings, self.options.noise_rules(), degrees, true)?;
+        let mut noise = SensorNoise::estimate(readings, self.options.noise_rules(), degrees, true)?;
+        noise.local_variance = local_variances(&self.surface, readings, &noise, self.options.gate)?;
         // The prior of the model is that of its own metric.
         let energy = BendingEnergy::new(&system, &self.surface)?;
         let weight = self.weight.unwrap_or(0.0);

@@ -1,5 +1,6 @@
 //! The figures of a fit.
 
+use super::misfit_report::MisfitReport;
 use super::surface_misfit::UnresolvedPlace;
 use super::unresolved_shape::UnresolvedShape;
 use super::verdict::FitVerdict;
@@ -66,6 +67,9 @@ pub struct FitReport {
     /// Shape smaller than the cells, as the readings show it; it is included in σ. None if they show none.
     #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
     pub unresolved_shape: Option<UnresolvedShape>,
+    /// What the surface does not follow; it is included in σ. None if it follows its readings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<MisfitReport>,
     /// Share of the surface's area that was measured.
     pub observed_area_fraction: f64,
     /// Whether the surface follows its readings.

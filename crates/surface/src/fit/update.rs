@@ -2,6 +2,7 @@
 
 use super::FitOptions;
 use super::finish::variances_of_surface;
+use super::local_misfit::local_variances;
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, ConvergedKind};
 use super::weights::weights_with_surface_variance;
@@ -115,6 +116,9 @@ impl Update<'_> {
             None => self.predicted = Some(self.noise.clone()),
             Some(predicted) => {
                 self.noise.keep_where_redundancy_lacks(&observations.channels, predicted, &self.degrees);
+                let readings = ProjectedReadings { observations, subset, feet: &feet };
+                let misfit = local_variances(&self.surface, readings, &self.noise, self.options.gate)?;
+                self.noise.local_variance = misfit;
             }
         }
         Ok(feet)

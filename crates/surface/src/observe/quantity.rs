@@ -1,7 +1,7 @@
 //! Quantities that readings measure, and the channels of a fit.
 
 use planish_core::{DVec3, SymmetricMatrix3};
-use planish_sense::Pose;
+use planish_sense::{NeighbourNoise, Pose};
 
 /// The quantity that a reading measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -55,6 +55,9 @@ pub struct Channel {
     /// stated variance (over 1 if none was stated). It is at least that of the noise, unless errors of
     /// neighbours are correlated. None if there are too few points.
     pub roughness: Option<f64>,
+    /// Noise of the channel's largest scan by its neighbours, over the stated σ. None if there are too few
+    /// points, or their errors are too large for their distances.
+    pub neighbour_noise: Option<NeighbourNoise>,
     /// True if errors of neighbouring readings are correlated. In dense stereo they are, since neighbours
     /// share most of the matched pixels.
     pub correlated_errors: bool,
@@ -63,7 +66,21 @@ pub struct Channel {
 impl Channel {
     /// A channel of a sensor, with a stated σ until a scan states none.
     pub(super) fn new(sensor: usize, quantity: Quantity) -> Self {
-        Self { sensor, quantity, inferred: false, stated: true, roughness: None, correlated_errors: false }
+        Self {
+            sensor,
+            quantity,
+            inferred: false,
+            stated: true,
+            roughness: None,
+            neighbour_noise: None,
+            correlated_errors: false,
+        }
+    }
+
+    /// The noise by neighbours, if it is evidence of σ. Where errors of neighbours are correlated, their
+    /// differences are too small.
+    pub(crate) fn independent_noise(&self) -> Option<NeighbourNoise> {
+        self.neighbour_noise.filter(|_| !self.correlated_errors)
     }
 
     /// True if the channel holds the readings of a quantity by a sensor.

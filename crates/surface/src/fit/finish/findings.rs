@@ -4,6 +4,7 @@ use super::{Finishing, has_uncertain_pose};
 use crate::fit::noise::{STATED_SIGMA_TOLERANCE, SensorNoise};
 use crate::fit::patch::{PatchFilterOutcome, unused_biases};
 use crate::fit::rejected_readings;
+use crate::fit::shared_errors::MAX_OVERSTATEMENT;
 use crate::model::{SensorReport, SigmaSummary};
 use crate::observe::{Quantity, RejectionCause};
 use planish_core::numbers::significant;
@@ -76,6 +77,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
         );
         findings.push(Finding::new(FindingCode::SigmaNotEstimable, text));
     }
+    findings.extend(shared_errors_of_unstated(fit, found.noise));
     findings.extend(filtered.and_then(PatchFilterOutcome::finding));
     if filtered.is_some() && has_uncertain_pose(set) {
         findings.push(Finding::new(
@@ -89,6 +91,30 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     findings.extend(observations.duplicate_scan_findings(set));
     findings.extend(observations.normal_findings(set));
     findings
+}
+
+/// Sensors without a stated σ whose readings may share errors that the surface follows.
+fn shared_errors_of_unstated(fit: &Finishing<'_>, noise: &SensorNoise) -> Vec<Finding> {
+    let Finishing { set, observations, .. } = *fit;
+    let unit = set.unit.unwrap_or(Unit::Millimetre);
+    (observations.channels.iter().zip(&noise.estimated_factors))
+        .filter(|(channel, _)| !channel.stated && !channel.inferred)
+        .filter_map(|(channel, factor)| {
+            let shared = channel.independent_noise()?.shared?;
+            let lengths = SmallUnit::for_length(unit.name(), shared.sigma);
+            let text = format!(
+                "sensor {:?} states no σ, and its readings vary by {} over distances of {}, but only by {} \
+                 between neighbours: this is shape, or errors that neighbours share, which σ does not \
+                 include; state σ if they are errors",
+                set.sensors[channel.sensor].name,
+                lengths.text(shared.sigma),
+                lengths.text(shared.radius),
+                lengths.text(factor.sqrt())
+            );
+            (shared.sigma > MAX_OVERSTATEMENT * factor.sqrt())
+                .then(|| Finding::new(FindingCode::SharedErrors, text))
+        })
+        .collect()
 }
 
 /// What follows from residuals that are clearly smaller than a stated σ that is kept.

@@ -34,7 +34,7 @@ pub(super) fn judge_held_out(
             if foot.state == FootState::Good
                 && let Ok(cell) = posterior.leaf(foot.leaf as usize)
             {
-                let of_reading = noise.variance_factors[observations.channel(i as usize)] * foot.variance;
+                let of_reading = noise.of_foot(observations.channel(i as usize), foot);
                 foot.rows(surface, |r, row| {
                     let of_surface = cell.variance_along(row, foot.normal);
                     let normalised = foot.residuals()[r] / (of_reading + of_surface).sqrt();

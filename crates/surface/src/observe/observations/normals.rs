@@ -7,7 +7,8 @@ use planish_core::{DVec3, Vec3};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
-    Ground, GroundOptions, Scan, classify_ground, cloud_geometry, local_roughness, orient_normals,
+    Ground, GroundOptions, Scan, classify_ground, cloud_geometry, local_roughness, neighbour_noise,
+    orient_normals,
 };
 use planish_spline::principal_axes;
 
@@ -126,30 +127,30 @@ impl Observations {
         }
     }
 
-    /// Computes [`Self::min_variance`] and the roughness of every channel.
+    /// Computes [`Self::min_variance`], and for every channel the roughness and the noise by neighbours.
     pub(super) fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
         let size = BoundingBox::from_points(&self.readings.points).map_or(0.0, |b| b.diagonal());
         self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
-        let roughness: Vec<Option<f64>> = (0..sensors)
-            .map(|sensor| {
-                // One scan, because errors of poses between scans would count as roughness.
-                let largest = (0..scans.len())
-                    .filter(|&s| self.scans.channel[s] == sensor)
-                    .max_by_key(|&s| scans[s].points.len())?;
-                let known = |i: usize| self.readings.normals[i] != Vec3::ZERO;
-                let own: Vec<usize> = (0..self.len())
-                    .filter(|&i| self.readings.scan[i] as usize == largest && known(i))
-                    .collect();
-                let points: Vec<DVec3> = own.iter().map(|&i| self.readings.points[i]).collect();
-                let variance = |&i: &usize| self.covariance(i).along(self.normal(i));
-                let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
-                local_roughness(&points, neighbours)
-                    .filter(|_| stated > 0.0)
-                    .map(|roughness| (roughness * roughness).max(self.min_variance) / stated)
-            })
-            .collect();
-        for (channel, roughness) in self.channels.iter_mut().zip(roughness) {
-            channel.roughness = roughness;
+        for sensor in 0..sensors {
+            // One scan, because errors of poses between scans would count as roughness.
+            let Some(largest) = (0..scans.len())
+                .filter(|&s| self.scans.channel[s] == sensor)
+                .max_by_key(|&s| scans[s].points.len())
+            else {
+                continue;
+            };
+            let known = |i: usize| self.readings.normals[i] != Vec3::ZERO;
+            let own: Vec<usize> =
+                (0..self.len()).filter(|&i| self.readings.scan[i] as usize == largest && known(i)).collect();
+            let points: Vec<DVec3> = own.iter().map(|&i| self.readings.points[i]).collect();
+            let variance = |&i: &usize| self.covariance(i).along(self.normal(i));
+            let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
+            let roughness = local_roughness(&points, neighbours)
+                .filter(|_| stated > 0.0)
+                .map(|roughness| (roughness * roughness).max(self.min_variance) / stated);
+            let noise = neighbour_noise(&points, |k, normal| self.covariance(own[k]).along(normal));
+            let channel = &mut self.channels[sensor];
+            (channel.roughness, channel.neighbour_noise) = (roughness, noise);
         }
     }
 }
