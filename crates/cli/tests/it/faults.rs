@@ -7,6 +7,8 @@
 //!
 //! The tests of the checks take a sample of the cases; the ignored ones take all.
 
+#![allow(clippy::print_stdout, reason = "a skipped test is said aloud, and counts are of interest")]
+
 use crate::support::{RunOutput, command};
 use std::collections::BTreeMap;
 use std::fs;
