@@ -19,8 +19,8 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 /// Range of `log w` about the typical weight, and the step of the quadrature.
 ///
 /// Below, the surface passes through its readings, above, it is a member of the null space: neither end
-/// changes with the weight. The posterior of `log w` is rarely narrower than 1, so a step of 0.5 integrates it
-/// to better than 1 %.
+/// changes with the weight. The posterior of `log w` is rarely narrower than 1, so a step of 0.5 integrates
+/// it to better than 1 %.
 const LOWEST: f64 = -46.0;
 const HIGHEST: f64 = 16.0;
 const STEP: f64 = 0.5;
@@ -90,10 +90,10 @@ pub struct PenalizedReadings<'a> {
 /// ```
 ///
 /// # References
-/// Rue, Martino, Chopin, *Approximate Bayesian inference for latent Gaussian models by using integrated nested
-/// Laplace approximations*, 2009, section 3.1; Kitanidis, *Parameter uncertainty in estimation of spatial
-/// functions: Bayesian analysis*, 1986, eq. 30; Gelman, *Prior distributions for variance parameters in
-/// hierarchical models*, 2006.
+/// Rue, Martino, Chopin, *Approximate Bayesian inference for latent Gaussian models by using integrated
+/// nested Laplace approximations*, 2009, section 3.1; Kitanidis, *Parameter uncertainty in estimation of
+/// spatial functions: Bayesian analysis*, 1986, eq. 30; Gelman, *Prior distributions for variance parameters
+/// in hierarchical models*, 2006.
 #[derive(Debug, Clone)]
 pub struct SmoothnessPosterior {
     /// `V` with `Vᵀ HᵀH V = diag(μ)` and `w₀ Vᵀ K V = I − diag(μ)`: in this basis every weight is diagonal.

@@ -77,7 +77,8 @@ impl Picture {
     }
 
     /// Computes the brightness of every pixel under a light of unit strength: each channel is divided by the
-    /// `intensity` of the light in red, green and blue. Pixels with a channel of `saturation` or more are NaN.
+    /// `intensity` of the light in red, green and blue. Pixels with a channel of `saturation` or more are
+    /// NaN.
     ///
     /// # Errors
     /// As [`Image::try_new`].

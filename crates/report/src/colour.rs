@@ -101,8 +101,8 @@ impl Map {
 /// Colours of categories (Okabe and Ito).
 const KINDS: [u32; 9] =
     [0x0072b2, 0xe69f00, 0x009e73, 0xcc79a7, 0x56b4e9, 0xd55e00, 0xf0e442, 0x999999, 0x4d4d4d];
-/// Colours of the values 0 to 3 of `observed`: inferred from smoothness, measured, completed, and measured but
-/// not followed.
+/// Colours of the values 0 to 3 of `observed`: inferred from smoothness, measured, completed, and measured
+/// but not followed.
 pub const KNOWN_BY: [u32; 4] = [0x9e9ea3, KINDS[0], KINDS[1], KINDS[5]];
 
 /// A colour from a hexadecimal number, as in CSS.

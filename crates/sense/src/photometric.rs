@@ -7,10 +7,10 @@
 //! linearly.
 //!
 //! A matte surface (Lambert) of albedo ρ and normal n under light l has the brightness
-//! `I = ρ (max(n·l, 0) + a)`, with an ambient share a common to all pixels. For each pixel, readings in shadow
-//! and highlights are rejected by their residuals ([`pixel`]). The others give `b = ρ n` by generalised least
-//! squares. Their covariance contains the noise, and the errors of the lights, of Lambert's law and of a, with
-//! variances estimated from the residuals of the image ([`model_error`]).
+//! `I = ρ (max(n·l, 0) + a)`, with an ambient share a common to all pixels. For each pixel, readings in
+//! shadow and highlights are rejected by their residuals ([`pixel`]). The others give `b = ρ n` by
+//! generalised least squares. Their covariance contains the noise, and the errors of the lights, of Lambert's
+//! law and of a, with variances estimated from the residuals of the image ([`model_error`]).
 //!
 //! σ of the normal is that of one tangential component, the root mean square of both:
 //! `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.

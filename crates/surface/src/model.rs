@@ -45,7 +45,8 @@ pub enum Observed {
     /// By the smoothness prior alone.
     #[default]
     PriorOnly,
-    /// By measurements: readings within the gate lie within a few of their own spacings in several directions.
+    /// By measurements: readings within the gate lie within a few of their own spacings in several
+    /// directions.
     Measured,
     /// By inference from measurements elsewhere: a symmetry, a simple shape, an earlier state.
     Inferred,

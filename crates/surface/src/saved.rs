@@ -8,11 +8,11 @@
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
 //! | `shape_left` | L | mean square of the unresolved shape along the normal, if any; a part of σ² |
-//! | `observed` | L, u8 | how most of a leaf is known: 1 measured, 2 inferred, 3 measured but not followed, else 0 |
+//! | `observed` | L, u8 | how most of a leaf is known: 1 measured, 2 inferred, 3 not followed, else 0 |
 //! | `support_depth` | L, u8 | d of each leaf, if places are known finer than by leaf |
 //! | `support_marks` | Σ 4ᵈ, u8 | `observed` of 2ᵈ × 2ᵈ parts of each leaf, row by row |
 //! | `support_distance` | Σ 4ᵈ | distance of their middles to the nearest reading; 0 if measured |
-//! | `predictive_errors` | n × 3 | distance to the nearest reading, factor of σ there, and its floor, if any |
+//! | `predictive_errors` | n × 3 | distance to the nearest reading, factor and floor of σ there, if any |
 //! | `predictive_limits` | 2 | power of the distance beyond these, and the largest σ |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |

@@ -1,8 +1,8 @@
 //! Tests one reader or command with libFuzzer: inputs that reach new code become parents of further inputs.
 //!
-//! In: the variable `PLANISH_FUZZ_TARGET` (a name of the table of `planish-fuzz`), and options and a folder of
-//! inputs for libFuzzer. Out: libFuzzer's report, and a file for an input that panics, hangs or takes too much
-//! memory. `fuzz/coverage/run` builds it and runs all targets.
+//! In: the variable `PLANISH_FUZZ_TARGET` (a name of the table of `planish-fuzz`), and options and a folder
+//! of inputs for libFuzzer. Out: libFuzzer's report, and a file for an input that panics, hangs or takes too
+//! much memory. `fuzz/coverage/run` builds it and runs all targets.
 //!
 //! Half of the changes are those of `planish-fuzz`, which know the words of the formats; the others are
 //! libFuzzer's own, which know what the code compared its input with.

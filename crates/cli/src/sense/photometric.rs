@@ -15,7 +15,8 @@ Examples:
 The calibration is TOML with pixel_size, sigma_brightness, sigma_light_deg, and the lights: `lights` has the \
 direction towards each light in the order of the images (x right, y down, z away from the camera; or with \
 frame = \"viewer\" y up, z towards it). Alternatively, [ball] has images and mask of a mirror ball. \
-`intensities` has the strength of each light, one number or [red, green, blue]. Saturated readings are excluded; \
+`intensities` has the strength of each light, one number or [red, green, blue]. \
+Saturated readings are excluded; \
 `saturation` states their least value if it is not white.
 
 A point of the .ply file is the position of a normal. Its z is 0 with a σ as large as the image, because \

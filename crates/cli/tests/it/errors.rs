@@ -241,7 +241,6 @@ fn files_that_info_and_compare_cannot_use() {
         "info index.ply",
         "info folder.ply",
         "compare truncated.planish good.xyz",
-        "compare good.xyz good.planish",
         "compare truncated.ply good.xyz",
         "compare good.planish empty.ply",
         "compare good.planish gone.ply",

@@ -2,10 +2,12 @@
 //!
 //! A library for `LD_PRELOAD` (`faults/inject.c`) counts these calls of `planish fit`, which writes three
 //! files and a report in another folder, and makes one or more of them fail. After the run, the next command
-//! in the folder must leave all files old or all files new, and no other files. A run that ends by itself must
-//! print an error and list in its JSON object exactly those outputs that are new.
+//! in the folder must leave all files old or all files new, and no other files. A run that ends by itself
+//! must print an error and list in its JSON object exactly those outputs that are new.
 //!
 //! The tests of the checks take a sample of the cases; the ignored ones take all.
+
+#![allow(clippy::print_stdout, reason = "a skipped test is said aloud, and counts are of interest")]
 
 use crate::support::{RunOutput, command};
 use std::collections::BTreeMap;
@@ -185,7 +187,8 @@ impl Harness {
             return Err(format!("ended with {}: {stderr}", output.status));
         }
         let found = self.next_commands(folder, old)?;
-        // Files that were reported as written stay new, and a set that a command completes later is announced.
+        // Files that were reported as written stay new, and a set that a command completes later is
+        // announced.
         let announced = stderr.contains("completes the outputs");
         match (code, found) {
             (Some(0), End::Old) => Err("old files after a success".to_owned()),

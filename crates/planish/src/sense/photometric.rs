@@ -15,8 +15,8 @@ const MAX_MISFIT: f64 = 3.0;
 /// Maximum brightness residual relative to the brightest pixel without a warning. Matte objects under far
 /// lights stay below a few percent.
 const MAX_MISFIT_SHARE: f64 = 0.1;
-/// Maximum share of the readings of one light that are rejected, without a warning. Highlights and cast shadows
-/// cover less.
+/// Maximum share of the readings of one light that are rejected, without a warning. Highlights and cast
+/// shadows cover less.
 const MAX_REJECTED: f64 = 0.5;
 /// Maximum share of the object's pixels without a normal, and of saturated readings, without a warning.
 const MAX_WITHOUT_NORMAL: f64 = 0.1;

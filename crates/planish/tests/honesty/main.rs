@@ -13,7 +13,7 @@
 //!
 //! | variable | meaning | default |
 //! |---|---|---|
-//! | `PLANISH_HONESTY_CELLS` | names of cells or parts of them, separated by commas: `ball clean,torus` | all |
+//! | `PLANISH_HONESTY_CELLS` | names of cells or parts of them, with commas: `ball clean,torus` | all |
 //! | `PLANISH_HONESTY_SEEDS` | number of seeds of each cell | 200 |
 //! | `PLANISH_HONESTY_FIRST` | first seed | 0 |
 //! | `PLANISH_HONESTY_READINGS` | number of readings of cells that do not fix it | 3000 |

@@ -170,8 +170,8 @@ impl SmoothObject {
         Self { topology, waves, proportion, max_displacement }
     }
 
-    /// Half of the smallest radius of a closed section; 1 for a sheet. Points that are displaced by less along
-    /// the normals do not gather at a centre or an axis, where they would be dense like a surface.
+    /// Half of the smallest radius of a closed section; 1 for a sheet. Points that are displaced by less
+    /// along the normals do not gather at a centre or an axis, where they would be dense like a surface.
     pub fn half_thickness(&self) -> f64 {
         match self.topology {
             Topology::Sheet => 1.0,

@@ -2,8 +2,9 @@
 //!
 //! Input: a model, its posterior and a chord error. Output: a [`ModelMesh`], written as PLY or GLB with
 //! `x y z nx ny nz sigma observed`, or as OBJ or STL without σ. σ is that of the surface point along its
-//! normal. `observed` is 1 where readings support the surface, 2 where it was completed by inference from other
-//! parts, 3 where it does not follow its readings, and 0 where only the prior holds. The bytes do not depend on the number of threads.
+//! normal. `observed` is 1 where readings support the surface, 2 where it was completed by inference from
+//! other parts, 3 where it does not follow its readings, and 0 where only the prior holds. The bytes do not
+//! depend on the number of threads.
 //!
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
 //! mesh does not cross itself where the surface folds.

@@ -45,8 +45,8 @@ const ITERATIONS: usize = 25;
 const CONVERGED: f64 = 1e-4;
 /// Iterations before readings are rejected or a stated σ is contradicted: the shape is found first.
 const FIRST_ITERATIONS: usize = 3;
-/// Smallest cosine between the normal of the surface and the direction of its heights. A steeper surface is no
-/// height field: its heights are not determined.
+/// Smallest cosine between the normal of the surface and the direction of its heights. A steeper surface is
+/// no height field: its heights are not determined.
 const MIN_COSINE: f64 = 0.1;
 
 /// True if a fit is one of few readings.
@@ -63,8 +63,8 @@ pub(super) fn is_few(observations: &Observations) -> bool {
 /// Fits few readings; none if their shape cannot be chosen without normals.
 ///
 /// # Errors
-/// `Undetermined` for fewer readings than the shape needs, and for a surface that is hardly known; `Input` for
-/// fewer coefficients than the shape takes.
+/// `Undetermined` for fewer readings than the shape needs, and for a surface that is hardly known; `Input`
+/// for fewer coefficients than the shape takes.
 pub(super) fn fit_few_readings(
     observations: &mut Observations,
     options: &FitOptions,
@@ -381,8 +381,8 @@ fn median_sigma(marginal: &MarginalHeights, surface: &Surface, feet: &[Foot], in
     variances.get(variances.len() / 2).map_or(f64::INFINITY, |variance| variance.sqrt())
 }
 
-/// Heights, node by node, of changes of the base that the plate resists, but the prior should not: motions and
-/// changes of size keep the shape, and the curvatures of a sheet are the first thing that tells it from a
+/// Heights, node by node, of changes of the base that the plate resists, but the prior should not: motions
+/// and changes of size keep the shape, and the curvatures of a sheet are the first thing that tells it from a
 /// plane.
 fn free_motions(base: &BaseShape, reference: &Surface, directions: &[DVec3]) -> Vec<DVector<f64>> {
     let [e1, e2, e3] = base.frame;

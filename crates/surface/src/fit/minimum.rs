@@ -1,7 +1,7 @@
 //! How many readings a shape needs, and which clouds are too poor for it.
 //!
-//! A shape has parameters of its own, such as centre and radius of a ball. Residuals are left only by readings
-//! beyond these, and σ follows from residuals.
+//! A shape has parameters of its own, such as centre and radius of a ball. Residuals are left only by
+//! readings beyond these, and σ follows from residuals.
 
 use planish_core::Setting;
 use planish_estimate::{Error, Result};
@@ -15,15 +15,16 @@ const MIN_DEGREES: usize = 7;
 /// Smallest standard deviation of the readings across a sheet, in σ of a reading.
 ///
 /// The tilt of a plane about the longer axis of its readings has a σ of `σ / (s √n)`, `s` the standard
-/// deviation across. Ten readings with s = 3 σ leave 6°; with less, heights and widths are no longer distinct.
+/// deviation across. Ten readings with s = 3 σ leave 6°; with less, heights and widths are no longer
+/// distinct.
 const MIN_WIDTH: f64 = 3.0;
 /// Largest σ of the surface, as a share of its size.
 ///
 /// A 95 % interval of half the size holds shapes of all kinds: σ no longer describes the surface.
 const MAX_SIGMA: f64 = 0.125;
 
-/// Free parameters of a shape, whose changes the prior does not resist: a quadratic height field has 6, a ball
-/// 4, a circular cone (of which a cylinder is one) 6, a torus 7.
+/// Free parameters of a shape, whose changes the prior does not resist: a quadratic height field has 6, a
+/// ball 4, a circular cone (of which a cylinder is one) 6, a torus 7.
 pub(super) fn free_parameters(shape: Shape) -> usize {
     match shape {
         Shape::Sheet | Shape::Tube => 6,
@@ -44,8 +45,8 @@ pub(super) fn refuse_too_few(shape: Shape, found: usize) -> Result<()> {
         return Ok(());
     }
     Err(Error::undetermined(format!(
-        "expected at least {needed} readings for a {}, found {found}: its place and size take {} of them, and \
-         σ needs {MIN_DEGREES} more",
+        "expected at least {needed} readings for a {}, found {found}: its place and size take {} of them, \
+         and σ needs {MIN_DEGREES} more",
         shape.name(),
         free_parameters(shape)
     ))
@@ -73,9 +74,9 @@ pub(super) fn refuse_vague(base: &BaseShape, found: usize, sigma: f64) -> Result
         return Ok(());
     }
     Err(Error::undetermined(format!(
-        "{found} readings do not determine the shape of this {}: σ of the surface would be {sigma:.3e}, {:.0} % \
-         of its radius or half width ({size:.3e}); add readings, state σ if it is known, or specify a simpler \
-         shape",
+        "{found} readings do not determine the shape of this {}: σ of the surface would be {sigma:.3e}, {:.0} \
+         % of its radius or half width ({size:.3e}); add readings, state σ if it is known, or specify a \
+         simpler shape",
         base.shape.name(),
         100.0 * sigma / size
     ))

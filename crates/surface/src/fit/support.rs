@@ -1,10 +1,10 @@
 //! Which places of a surface its readings support.
 //!
 //! In: feet of readings on the surface. Out: the cells of a [`Support`](crate::model::Support). Each reading
-//! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ` readings
-//! per area. A place is supported if its nearest reading is within `h`, or if readings within `3 h` lie around
-//! it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one spacing beyond the
-//! last reading, and holes of more than a few spacings stay open.
+//! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ`
+//! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `3 h`
+//! lie around it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one spacing
+//! beyond the last reading, and holes of more than a few spacings stay open.
 //!
 //! Two estimates of `h` are compared, and the larger one counts. The distance `d` to the eighth neighbour
 //! gives `d √(π/8)`. Scan lines are dense along the line only; their spacing is the radius within which
@@ -280,8 +280,8 @@ mod tests {
             for k in 0..10_000 {
                 let [x, y] = [k % 100, k / 100].map(|c| f64::from(c) * 0.6 - 30.0);
                 let radius = x.hypot(y);
-                let sum = if radius < 3.5 { &mut inside } else { &mut outside };
-                if !(3.5..6.0).contains(&radius) {
+                let sum = if radius < 3.0 { &mut inside } else { &mut outside };
+                if !(3.0..6.0).contains(&radius) {
                     sum[0] += 1;
                     sum[1] += usize::from(is_supported(&by, x, y));
                 }

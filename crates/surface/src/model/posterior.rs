@@ -296,8 +296,8 @@ impl<'a> Posterior<'a> {
         self.prediction.is_none_or(|(support, _)| support.at(leaf, [0.5; 2]).observed.is_measured())
     }
 
-    /// σ of the surface point at leaf-local coordinates along a unit direction, with the errors of places where
-    /// nothing was measured.
+    /// σ of the surface point at leaf-local coordinates along a unit direction, with the errors of places
+    /// where nothing was measured.
     #[must_use]
     pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: DVec3) -> f64 {
         // Terms of both signs cancel, and rounding may leave a variance slightly below zero.

@@ -1,5 +1,5 @@
-//! σ where nothing was measured: what the smoothness prior predicts, corrected by how well it predicts left-out
-//! parts of the same data.
+//! σ where nothing was measured: what the smoothness prior predicts, corrected by how well it predicts
+//! left-out parts of the same data.
 //!
 //! A covariance that contains the prior is right for surfaces drawn from that prior. Objects are not: their
 //! large-scale shape deviates more than the fine detail suggests, from which the weight of the prior is
@@ -10,8 +10,8 @@
 //! ```
 //!
 //! where `v` is the posterior variance, and `f` and `r` were found by leaving out whole regions: `f²` is the
-//! mean square of prediction errors over `v`, and `r` their root mean square. Both grow with `d` or stay. Beyond
-//! the largest tested distance `f` follows the power law of the tested ones, and `r` stays.
+//! mean square of prediction errors over `v`, and `r` their root mean square. Both grow with `d` or stay.
+//! Beyond the largest tested distance `f` follows the power law of the tested ones, and `r` stays.
 //!
 //! Not guaranteed: that unmeasured parts are like the measured ones. Steps, handles and whole features that
 //! nothing shows are not covered.

@@ -76,8 +76,8 @@ impl Support {
             .map(|(depth, cells)| {
                 if depth > MAX_SUPPORT_DEPTH || cells.len() != 1 << (2 * depth) {
                     return Err(Error::input(format!(
-                        "expected 4ᵈ cells of a leaf divided d ≤ {MAX_SUPPORT_DEPTH} times, found {} with d = \
-                         {depth}",
+                        "expected 4ᵈ cells of a leaf divided d ≤ {MAX_SUPPORT_DEPTH} times, found {} with \
+                         d = {depth}",
                         cells.len()
                     )));
                 }

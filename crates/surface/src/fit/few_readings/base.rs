@@ -13,11 +13,11 @@ use planish_spline::{BaseShape, Shape, choose_base_shape, fit_base_shape, princi
 const MAX_BY_SCATTER: usize = 80;
 /// Largest variance about a quadratic height field, as a share of that along its normal, for a sheet.
 ///
-/// Readings all around a body leave more than 0.6; of 12 readings on a ball, with six degrees of freedom left,
-/// fewer than 1 in 10,000 leave less than 0.1.
+/// Readings all around a body leave more than 0.6; of 12 readings on a ball, with six degrees of freedom
+/// left, fewer than 1 in 10,000 leave less than 0.1.
 const MAX_SHEET_SHARE: f64 = 0.1;
-/// Largest scatter about a sphere or a cylinder, as a share of its radius, for a body of that kind. An ellipsoid
-/// with axes 2 : 1 : 1 has 0.2, a torus of radii 3 : 1 has 0.24 about a sphere.
+/// Largest scatter about a sphere or a cylinder, as a share of its radius, for a body of that kind. An
+/// ellipsoid with axes 2 : 1 : 1 has 0.2, a torus of radii 3 : 1 has 0.24 about a sphere.
 const MAX_BODY_SCATTER: f64 = 0.22;
 /// A body was seen from all sides if there is a reading within the cone of this cosine about each axis and
 /// diagonal of its frame. Of 12 readings all around, 1 in 100 clouds fails.
@@ -56,7 +56,8 @@ fn upwards(sheet: BaseShape, is_guess: bool) -> BaseShape {
     }
 }
 
-/// The best shape of a kind. Principal axes of few readings may be in any order, so each is tried as the axis.
+/// The best shape of a kind. Principal axes of few readings may be in any order, so each is tried as the
+/// axis.
 fn fitted(points: &[DVec3], normals: &[DVec3], shape: Shape) -> Result<BaseShape> {
     let start = choose_base_shape(points, normals, Some(shape))?;
     let (_, axes, _) = principal_axes(points);

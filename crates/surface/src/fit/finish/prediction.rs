@@ -1,14 +1,14 @@
-//! How well the prior predicts surface without readings: whole regions of the readings are left out, predicted
-//! from the others, and compared.
+//! How well the prior predicts surface without readings: whole regions of the readings are left out,
+//! predicted from the others, and compared.
 //!
 //! Regions are of two kinds. Balls of readings around places at the rim of the data and inside it, with radii
-//! from a few spacings up to the largest distance of unobserved surface, show how well holes are closed. Caps,
-//! all readings on the unobserved side of a plane, show how well a side that nobody saw is continued: surface
-//! that is held from one side only errs several times more. The larger error of the two kinds counts.
+//! from a few spacings up to the largest distance of unobserved surface, show how well holes are closed.
+//! Caps, all readings on the unobserved side of a plane, show how well a side that nobody saw is continued:
+//! surface that is held from one side only errs several times more. The larger error of the two kinds counts.
 //!
 //! All balls of one size that are far from each other are left out together, so each set of regions costs one
-//! step of the fit and one selected inverse. The errors of a region are correlated; `m` regions therefore have
-//! `m` degrees of freedom, and the quantile of Student's t with `m` degrees replaces that of the normal
+//! step of the fit and one selected inverse. The errors of a region are correlated; `m` regions therefore
+//! have `m` degrees of freedom, and the quantile of Student's t with `m` degrees replaces that of the normal
 //! distribution.
 
 use super::Finishing;

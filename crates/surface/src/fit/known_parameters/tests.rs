@@ -306,7 +306,7 @@ fn too_few_readings_need_a_stated_sigma() {
 fn too_few_readings_of_two_sensors_are_weighted_by_their_stated_sigmas() {
     // The second sensor is better than it states, so that the estimated variances differ from the stated
     // ones.
-    let (coarse, fine) = (heights(12, 0.05, 31), heights(12, 0.0001, 32));
+    let (coarse, fine) = (heights(12, 0.05, 31), heights(12, 0.005, 32));
     let two = fit(
         &set_of(vec![(coarse.clone(), Some(0.05)), (fine.clone(), Some(0.02))]),
         &options([20, 20]),

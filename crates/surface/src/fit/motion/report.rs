@@ -162,11 +162,11 @@ impl RigidTracker<'_> {
 
     /// Adopts the poses that the fit of all scans found, and the steady motion nearest to them.
     ///
-    /// With `T_k` the pose at the time `t_k` since the first scan and `W_k` the inverse of its covariance, the
-    /// twist minimises `Σ d_kᵀ W_k d_k`, `d_k = log(exp(ξ t_k)⁻¹ T_k)` (Gauss–Newton, from the twist of the
-    /// filter). `∂d_k/∂ξ = −t_k J_r(ξ t_k)` with the right Jacobian `J_r` of SE(3). `log T_k` itself would lose
-    /// whole turns: the filter's twist counts them, because it follows the rotations between neighbouring
-    /// scans.
+    /// With `T_k` the pose at the time `t_k` since the first scan and `W_k` the inverse of its covariance,
+    /// the twist minimises `Σ d_kᵀ W_k d_k`, `d_k = log(exp(ξ t_k)⁻¹ T_k)` (Gauss–Newton, from the twist of
+    /// the filter). `∂d_k/∂ξ = −t_k J_r(ξ t_k)` with the right Jacobian `J_r` of SE(3). `log T_k` itself
+    /// would lose whole turns: the filter's twist counts them, because it follows the rotations between
+    /// neighbouring scans.
     ///
     /// The errors of the poses are correlated, since all refer to one surface. The correlation is not known
     /// from the single covariances, so the covariance of `ξ` assumes wholly common errors: an upper bound but
