@@ -91,8 +91,8 @@ impl Lifter<'_> {
         let Some(start) = at_pole.iter().position(Option::is_none) else {
             return Err(Error::unsupported("a loop consists only of poles of the surface"));
         };
-        // A search for the foot of a far point visits the whole surface, and a wrong control point makes a loop
-        // of thousands of them. The farthest one alone shows that.
+        // A search for the foot of a far point visits the whole surface, and a wrong control point makes a
+        // loop of thousands of them. The farthest one alone shows that.
         let away = |k: &usize| points[*k].distance(points[start]);
         let farthest = (0..n).filter(|k| at_pole[*k].is_none()).max_by(|a, b| away(a).total_cmp(&away(b)));
         if let Some(farthest) = farthest {

@@ -174,17 +174,9 @@ pub(super) fn finish(
     let channels = FootChannels::new(observations, &subset);
     // Readings see the surface from where their scan is, so errors of its pose are not part of residuals.
     let seen = Posterior::new(&model.surface, Arc::clone(&covariance)).given_scan_errors();
-    // With one channel, a trace over the sparse inverse is exact and cheaper than a variance for each
-    // reading.
-    let degrees = if observations.channels.len() == 1 && earlier.is_none() && filtered.is_none() {
-        // With further batches the readings at hand determine only their share of the degrees of freedom.
-        let data = match model.known.information() {
-            Some(all) if added.is_none() => &all.data,
-            _ => &own_data,
-        };
-        vec![covariance.trace_with(data, &system)?]
-    } else {
-        degrees_of_channels(&seen, &channels, &feet, &information)?
+    let degrees = match this.degrees_by_trace(&model, &own_data, &covariance)? {
+        Some(degrees) => vec![degrees],
+        None => degrees_of_channels(&seen, &channels, &feet, &information)?,
     };
     // The posterior of few readings has found the noise already.
     let noise = if marginal.is_some() { noise } else { this.final_noise(noise, &degrees)? };
@@ -265,6 +257,27 @@ impl Finishing<'_> {
     /// True if foot `k` belongs to a reading of a sensor, not to one inferred from others.
     fn is_measured_foot(&self, k: usize) -> bool {
         self.observations.inferred(self.subset[k] as usize).is_none()
+    }
+
+    /// Degrees of freedom that the only channel determines, by a trace over the sparse inverse, which is
+    /// exact and cheaper than a variance for each reading. None for several channels, updates and the patch
+    /// filter.
+    fn degrees_by_trace(
+        &self,
+        model: &SurfaceModel,
+        own_data: &BlockInformation,
+        covariance: &NodeCovariance,
+    ) -> Result<Option<f64>> {
+        let is_single = self.observations.channels.len() == 1;
+        if !is_single || self.earlier.is_some() || self.filtered.is_some() {
+            return Ok(None);
+        }
+        // With further batches the readings at hand determine only their share of the degrees of freedom.
+        let data = match model.known.information() {
+            Some(all) if self.added.is_none() => &all.data,
+            _ => own_data,
+        };
+        covariance.trace_with(data, self.system).map(Some)
     }
 
     /// The report. `at` holds the parameters of all observations, by which held-out readings are projected.

@@ -66,14 +66,7 @@ pub(super) fn fit_known_parameters(
     progress: &dyn Progress,
 ) -> Result<Fit> {
     let shape = options.shape.unwrap_or(Shape::Sheet);
-    let many = cells[0].saturating_mul(cells[1]);
-    if many > MAX_CELLS {
-        return Err(Error::input(format!(
-            "expected at most {MAX_CELLS} cells (each needs about 20 KB for its covariance), found {} × {} \
-             = {many}",
-            cells[0], cells[1]
-        )));
-    }
+    refuse_too_many(cells)?;
     let space = Arc::new(Hierarchy::uniform(shape, cells)?);
     let mut readings = Readings::new(set, cells, options)?;
     progress.check("equations", 0.02)?;
@@ -164,6 +157,19 @@ pub(super) fn fit_known_parameters(
 /// True if any variance of `a` differs from that of `b` by more than the given share.
 fn far_apart(a: &[f64], b: &[f64], share: f64) -> bool {
     a.iter().zip(b).any(|(a, b)| (a / b - 1.0).abs() > share)
+}
+
+/// Refuses grids whose covariance takes too much memory.
+fn refuse_too_many(cells: [usize; 2]) -> Result<()> {
+    let many = cells[0].saturating_mul(cells[1]);
+    if many <= MAX_CELLS {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "expected at most {MAX_CELLS} cells (each needs about 20 KB for its covariance), found {} × {} \
+         = {many}",
+        cells[0], cells[1]
+    )))
 }
 
 /// Number of entries that are in only one of two lists of ascending lists.

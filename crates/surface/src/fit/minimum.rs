@@ -74,9 +74,9 @@ pub(super) fn refuse_vague(base: &BaseShape, found: usize, sigma: f64) -> Result
         return Ok(());
     }
     Err(Error::undetermined(format!(
-        "{found} readings do not determine the shape of this {}: σ of the surface would be {sigma:.3e}, {:.0} \
-         % of its radius or half width ({size:.3e}); add readings, state σ if it is known, or specify a \
-         simpler shape",
+        "{found} readings do not determine the shape of this {}: σ of the surface would be {sigma:.3e}, \
+         {:.0} % of its radius or half width ({size:.3e}); add readings, state σ if it is known, or specify \
+         a simpler shape",
         base.shape.name(),
         100.0 * sigma / size
     ))

@@ -91,8 +91,7 @@ impl Sheet<'_> {
         let mut noise = SensorNoise::stated(&observations.channels);
         let unknown = vec![0.0; observations.channels.len()];
         let mut surface = previous.clone();
-        let mut weight = None;
-        let mut has_converged = false;
+        let (mut weight, mut has_converged) = (None, false);
         let gate = self.options.gate;
         for iteration in 0..MAX_ITERATIONS {
             progress.check("bending", iteration as f64 / MAX_ITERATIONS as f64)?;

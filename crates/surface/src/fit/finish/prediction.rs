@@ -44,6 +44,8 @@ const TRIES: usize = 100;
 const MAX_COMPARED: usize = 3000;
 /// Shares of the readings in successive caps.
 const CAP_SHARES: [f64; 2] = [0.5, 0.3];
+/// Caps of these shares overlap: at most this many have no reading in common.
+const INDEPENDENT_CAPS: usize = 3;
 /// Control vertices over all sets. Each set costs as much as an iteration of the fit.
 const MAX_NODES: usize = 40_000;
 /// Ratio of the distances of successive steps.
@@ -320,24 +322,24 @@ fn law(errors: &ErrorsByDistance, spacing: f64, largest: f64) -> Result<Option<P
     let mut found: Vec<PredictionError> = Vec::new();
     let (mut factor, mut floor) = (1.0_f64, 0.0_f64);
     for (&step, kinds) in errors {
-        let mut tested: Vec<_> = (kinds.iter())
-            .filter(|regions| regions.values().map(|r| r.count).sum::<usize>() >= MIN_READINGS)
+        let mut tested: Vec<_> = (kinds.iter().zip([usize::MAX, INDEPENDENT_CAPS]))
+            .filter(|(regions, _)| regions.values().map(|r| r.count).sum::<usize>() >= MIN_READINGS)
             .collect();
         // Student's t of one or two regions is so wide that it says less than the other kind.
-        if tested.iter().any(|regions| regions.len() >= MIN_REGIONS) {
-            tested.retain(|regions| regions.len() >= MIN_REGIONS);
+        if tested.iter().any(|(regions, _)| regions.len() >= MIN_REGIONS) {
+            tested.retain(|(regions, _)| regions.len() >= MIN_REGIONS);
         }
         if tested.is_empty() {
             continue;
         }
-        for regions in tested {
+        for (regions, independent) in tested {
             // Each region counts once: a large one has more readings, but one error.
             let mean = |of: &dyn Fn(&RegionErrors) -> f64| {
                 regions.values().map(of).sum::<f64>() / regions.len() as f64
             };
             let ratio = mean(&|r| (r.square / r.variance.max(f64::MIN_POSITIVE)).max(0.0));
             let square = mean(&|r| (r.square / r.count as f64).max(0.0));
-            let quantile = student_quantile(regions.len()) / NORMAL_QUANTILE;
+            let quantile = student_quantile(regions.len().min(independent)) / NORMAL_QUANTILE;
             factor = factor.max(quantile * ratio.sqrt());
             floor = floor.max(quantile * square.sqrt());
         }
