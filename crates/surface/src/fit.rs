@@ -46,6 +46,7 @@ mod refine_by_curvature;
 mod refine_by_roughness;
 mod report;
 mod residual_sample;
+mod rough_places;
 mod shared_errors;
 mod smoothing;
 mod support;

@@ -1,6 +1,7 @@
 //! The noise by neighbours against simulated noise: shapes, outliers, uneven σ, dense points.
 
 use super::*;
+use rand::RngExt;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -29,10 +29,11 @@ pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 use super::batches::AddedBatches;
 use super::leaves::leaf_areas;
 use super::local_misfit::{LeafMisfit, local_misfit};
-use super::misfit_report::MisfitReport;
+use super::misfit_report::{MisfitReport, misfit_regions};
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
+use super::rough_places::rough_variances;
 use super::shared_errors::shared_variance;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
 use super::verdict::{Verdict, VerdictInput, judge_surface};
@@ -187,9 +188,13 @@ pub(super) fn finish(
         left.iter_mut().zip(marginal.excess(&seen)?).for_each(|(left, excess)| *left += excess);
     }
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
-    let misfits = local_misfit(&model.surface, readings, &noise, options.gate)?;
+    let mut misfits = local_misfit(&model.surface, readings, &noise, options.gate)?;
+    for (misfit, rough) in misfits.iter_mut().zip(rough_variances(&seen)?) {
+        misfit.variance = misfit.variance.max(rough);
+    }
     model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
-    this.add_support(&mut model, &verdict.misfit.feet)?;
+    let regions = misfit_regions(&model.surface, &misfits);
+    this.add_support(&mut model, &verdict.misfit.feet, &regions)?;
 
     let judged = Judged {
         model: &model,

@@ -53,7 +53,7 @@ impl LeafMisfit {
     }
 }
 
-/// The misfit of each leaf. Leaves with fewer than eight readings take that of their neighbourhood.
+/// The misfit of each leaf: that of its own readings or that of its neighbourhood, whichever is larger.
 pub(super) fn local_misfit(
     surface: &Surface,
     readings: ProjectedReadings<'_>,
@@ -79,18 +79,20 @@ pub(super) fn local_misfit(
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
-            let mut near: Vec<[f64; 2]> = own(leaf).collect();
+            let near: Vec<[f64; 2]> = own(leaf).collect();
             let mut found = LeafMisfit {
                 readings: near.len(),
                 not_followed: near.iter().filter(|[r, _]| r.abs() > gate).count(),
                 ..LeafMisfit::default()
             };
-            if near.len() < MIN_READINGS as usize {
-                near = neighbourhood(space, leaf).into_iter().flat_map(own).collect();
-            }
-            if near.len() >= MIN_READINGS as usize {
-                found.noise_variance = near.len() as f64 / near.iter().map(|[_, w]| w).sum::<f64>();
-                found.variance = found.noise_variance * excess_square(&near, gate)?;
+            // An edge shows in the readings of all leaves along it before it shows in those of one.
+            let around: Vec<[f64; 2]> = neighbourhood(space, leaf).into_iter().flat_map(own).collect();
+            for readings in [near, around].iter().filter(|readings| readings.len() >= MIN_READINGS as usize) {
+                let noise = readings.len() as f64 / readings.iter().map(|[_, w]| w).sum::<f64>();
+                let variance = noise * excess_square(readings, gate)?;
+                if found.noise_variance == 0.0 || variance > found.variance {
+                    (found.noise_variance, found.variance) = (noise, variance);
+                }
             }
             Ok(found)
         })

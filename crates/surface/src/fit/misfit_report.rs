@@ -47,23 +47,11 @@ impl MisfitReport {
     /// From the misfit of each leaf; none if the surface follows its readings. `origin` is the world position
     /// of the origin of the surface.
     pub(super) fn from_leaves(surface: &Surface, misfits: &[LeafMisfit], origin: DVec3) -> Option<Self> {
-        let is_region = |leaf: usize| misfits[leaf].exceeds_noise();
-        let mut sets = DisjointSets::new(misfits.len());
-        for leaf in (0..misfits.len()).filter(|&leaf| is_region(leaf)) {
-            for other in neighbourhood(surface.space(), leaf).into_iter().filter(|&other| is_region(other)) {
-                sets.join(leaf as u32, other as u32);
-            }
-        }
-        let mut regions: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for (leaf, root) in sets.into_roots().into_iter().enumerate().filter(|(leaf, _)| is_region(*leaf)) {
-            regions.entry(root).or_default().push(leaf);
-        }
+        let regions = misfit_regions(surface, misfits);
         let areas = leaf_areas(surface);
         let total: f64 = areas.iter().sum();
-        let mut places: Vec<MisfitPlace> = (regions.into_values())
-            .filter(|leaves| leaves.len() >= MIN_LEAVES)
-            .map(|leaves| place(surface, misfits, &areas, total, &leaves, origin))
-            .collect();
+        let mut places: Vec<MisfitPlace> =
+            (regions.iter()).map(|leaves| place(surface, misfits, &areas, total, leaves, origin)).collect();
         places.sort_by(|a, b| b.area_fraction.total_cmp(&a.area_fraction));
         let readings: usize = misfits.iter().map(|own| own.readings).sum();
         let not_followed: usize = misfits.iter().map(|own| own.not_followed).sum();
@@ -97,6 +85,22 @@ impl MisfitReport {
         );
         Some(Finding::new(FindingCode::SurfaceNotFollowing, text))
     }
+}
+
+/// The connected regions of leaves whose misfit is larger than the noise, without small ones.
+pub(super) fn misfit_regions(surface: &Surface, misfits: &[LeafMisfit]) -> Vec<Vec<usize>> {
+    let is_region = |leaf: usize| misfits[leaf].exceeds_noise();
+    let mut sets = DisjointSets::new(misfits.len());
+    for leaf in (0..misfits.len()).filter(|&leaf| is_region(leaf)) {
+        for other in neighbourhood(surface.space(), leaf).into_iter().filter(|&other| is_region(other)) {
+            sets.join(leaf as u32, other as u32);
+        }
+    }
+    let mut regions: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (leaf, root) in sets.into_roots().into_iter().enumerate().filter(|(leaf, _)| is_region(*leaf)) {
+        regions.entry(root).or_default().push(leaf);
+    }
+    regions.into_values().filter(|leaves| leaves.len() >= MIN_LEAVES).collect()
 }
 
 /// The place of a region of leaves.

@@ -165,7 +165,7 @@ fn reason(shape: Shape, enclosed: Option<EnclosedTopology>, several_scans: bool)
         ),
         Some(EnclosedTopology { handles, .. }) if handles > 0 => format!(
             "the object has {}, which a {} cannot have",
-            several(handles, "hole through it or handle", "holes through it or handles"),
+            several(handles, "hole through it or handle", "or more holes through it or handles"),
             shape.name()
         ),
         _ => format!(

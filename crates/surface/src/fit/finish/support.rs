@@ -16,7 +16,7 @@ const NOT_FOLLOWED_AROUND: f64 = 0.125;
 
 impl Finishing<'_> {
     /// Adds to a model how each of its places is known, and the errors of those without readings. At the
-    /// given places of leaves, the surface does not follow its readings.
+    /// given places of leaves, and on the given regions of leaves, the surface does not follow its readings.
     ///
     /// # Errors
     /// See [`Finishing::predictive_sigma`].
@@ -24,11 +24,15 @@ impl Finishing<'_> {
         &self,
         model: &mut SurfaceModel,
         not_followed: &[(usize, [f64; 2])],
+        regions: &[Vec<usize>],
     ) -> Result<()> {
         let (mut support, measured) = self.support(model)?;
         for &(leaf, local) in not_followed {
             let box_around = [-1.0, 1.0].map(|side| local.map(|x| x + side * NOT_FOLLOWED_AROUND));
             support.set_not_followed(leaf, box_around);
+        }
+        for &leaf in regions.iter().flatten() {
+            support.set_not_followed(leaf, [[0.0; 2], [1.0; 2]]);
         }
         model.observed =
             (0..model.surface.space().leaves().len()).map(|leaf| support.of_leaf(leaf)).collect();
