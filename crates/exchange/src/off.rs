@@ -240,7 +240,7 @@ mod tests {
                 "line 2: the header declares 9 polygons, which take at least 23",
             ),
             ("OFF\n1 0 0\n0 nan 0\n", "line 3: expected a finite coordinate"),
-            ("OFF\n1 1 0\n0 0 0\n\n\n", "line 4: expected a polygon, found the end of the file"),
+            ("OFF\n1 1 0\n0 0 0\n\n\n", "line 6: expected a polygon, found the end of the file"),
             ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: expected the index of a vertex below 1, found 1"),
             ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: expected 99 corners"),
         ] {

@@ -36,7 +36,7 @@ use super::refine::{ConvergedFit, ConvergedKind};
 use super::rough_places::rough_variances;
 use super::shared_errors::shared_variance;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
-use super::verdict::{Verdict, VerdictInput, judge_surface};
+use super::verdict::{Verdict, VerdictInput, judge_surface, refuse_far_larger_noise};
 use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
@@ -149,7 +149,7 @@ pub(super) fn finish(
         information: &information,
         filtered,
     };
-    let verdict = this.verdict(&surface)?;
+    let verdict = this.verdict(&surface, &noise)?;
     let own_data = match filtered {
         // Beliefs of single patches are no information of the whole.
         Some(_) => system.zero_information()?,
@@ -395,7 +395,7 @@ impl Finishing<'_> {
     }
 
     /// Judges whether the surface follows its readings. What lies on the ground is not followed on purpose.
-    fn verdict(&self, surface: &planish_spline::Surface) -> Result<Verdict> {
+    fn verdict(&self, surface: &planish_spline::Surface, noise: &SensorNoise) -> Result<Verdict> {
         // A later session may measure parts far from the model, so only a first fit is refused for far
         // readings.
         if self.earlier.is_some() {
@@ -406,6 +406,9 @@ impl Finishing<'_> {
             return Ok(Verdict::default());
         }
         let FitOptions { gate, force, .. } = *self.options;
+        if !force {
+            refuse_far_larger_noise(self.set, self.observations, noise)?;
+        }
         judge_surface(
             surface,
             self.readings(),

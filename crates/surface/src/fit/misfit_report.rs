@@ -14,6 +14,8 @@ use std::collections::BTreeMap;
 /// Smallest number of leaves of a region. By chance 0.2 % of leaves with eight readings are significant, and
 /// those with fewer take part of their neighbours' readings.
 const MIN_LEAVES: usize = 4;
+/// Largest share of the surface for regions that are places.
+const MAX_SHARE: f64 = 0.5;
 /// Largest number of places in a report.
 const MAX_PLACES: usize = 5;
 
@@ -100,7 +102,12 @@ pub(super) fn misfit_regions(surface: &Surface, misfits: &[LeafMisfit]) -> Vec<V
     for (leaf, root) in sets.into_roots().into_iter().enumerate().filter(|(leaf, _)| is_region(*leaf)) {
         regions.entry(root).or_default().push(leaf);
     }
-    regions.into_values().filter(|leaves| leaves.len() >= MIN_LEAVES).collect()
+    let areas = leaf_areas(surface);
+    let total: f64 = areas.iter().sum();
+    let found: Vec<Vec<usize>> = regions.into_values().filter(|leaves| leaves.len() >= MIN_LEAVES).collect();
+    let of_regions: f64 = found.iter().flatten().map(|&leaf| areas[leaf]).sum();
+    // What is the same everywhere, as differences between scans are, is no matter of places.
+    if of_regions > MAX_SHARE * total { Vec::new() } else { found }
 }
 
 /// The place of a region of leaves.

@@ -303,29 +303,6 @@ fn too_few_readings_need_a_stated_sigma() {
 }
 
 #[test]
-fn too_few_readings_of_two_sensors_are_weighted_by_their_stated_sigmas() {
-    // The second sensor is better than it states, so that the estimated variances differ from the stated
-    // ones.
-    let (coarse, fine) = (heights(12, 0.05, 31), heights(12, 0.005, 32));
-    let two = fit(
-        &set_of(vec![(coarse.clone(), Some(0.05)), (fine.clone(), Some(0.02))]),
-        &options([20, 20]),
-        &Silent,
-    )
-    .unwrap();
-    // The same readings of one sensor, which states σ of each.
-    let mut both = coarse;
-    both.points.extend(fine.points);
-    both.parameters.as_mut().unwrap().extend(fine.parameters.unwrap());
-    both.sigma = Some([[0.05; 12], [0.02; 12]].concat());
-    let one = fit(&set_of(vec![(both, None)]), &options([20, 20]), &Silent).unwrap();
-    let heights = |fit: &Fit| fit.model.surface.vertices().iter().map(|v| v.z).collect::<Vec<_>>();
-    for (a, b) in heights(&two).iter().zip(heights(&one)) {
-        assert!((a - b).abs() < 1e-3, "{a} {b}");
-    }
-}
-
-#[test]
 fn a_grid_that_is_too_coarse_is_reported() {
     let report = |cells| {
         fit(&set_of(vec![(heights(8_000, 0.01, 25), None)]), &options(cells), &Silent).unwrap().report
