@@ -2,7 +2,7 @@
 
 use super::*;
 use rand::RngExt;
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -90,7 +90,8 @@ fn sharp_edges_and_handles_are_no_noise() {
     assert!((noise.upper - 1.0).abs() < 0.15 && noise.lower < 1.15, "{noise:?}");
     let torus: Vec<DVec3> = (0..8000)
         .map(|_| {
-            let (t, p) = (rng.random_range(0.0..6.283), rng.random_range(0.0..6.283));
+            let (t, p) =
+                (rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(0.0..std::f64::consts::TAU));
             let r = 20.0 + 6.0 * f64::cos(p);
             DVec3::new(r * f64::cos(t), r * f64::sin(t), 6.0 * f64::sin(p)) + vector(&mut rng, 0.05)
         })
@@ -142,8 +143,9 @@ fn errors_shared_by_neighbours_show_in_wider_neighbourhoods() {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let length = spacings * 20.0 / 5000_f64.sqrt();
         // A random field with the covariance exp(−d²/2L²), as a sum of waves.
-        let waves: Vec<(DVec3, f64)> =
-            (0..300).map(|_| (vector(&mut rng, 1.0 / length), rng.random_range(0.0..6.283))).collect();
+        let waves: Vec<(DVec3, f64)> = (0..300)
+            .map(|_| (vector(&mut rng, 1.0 / length), rng.random_range(0.0..std::f64::consts::TAU)))
+            .collect();
         let mut points = sheet(5000, &mut rng);
         for p in &mut points {
             let field: f64 = waves.iter().map(|(k, phase)| (k.dot(*p) + phase).cos()).sum();
