@@ -406,7 +406,8 @@ impl Finishing<'_> {
             return Ok(Verdict::default());
         }
         let FitOptions { gate, force, .. } = *self.options;
-        if !force {
+        // A user who asks for an estimate knows that the statement may be wrong.
+        if !force && !self.options.noise_rules().may_lower {
             refuse_far_larger_noise(self.set, self.observations, noise)?;
         }
         judge_surface(
