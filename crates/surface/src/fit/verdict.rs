@@ -92,7 +92,7 @@ pub(super) fn judge_surface(
     readings: ProjectedReadings<'_>,
     input: VerdictInput,
 ) -> Result<Verdict> {
-    if let Some(text) = layers(readings)
+    if let Some(text) = layers(readings, input.several_scans)
         && !input.force
     {
         return Err(Error::undetermined(text).with_setting(Setting::Force));
@@ -161,7 +161,7 @@ pub(super) fn refuse_far_larger_noise(
 
 /// A sentence on two layers of readings between which the surface runs; none if it follows one of them, or
 /// both, as the sides of a thin plate.
-fn layers(readings: ProjectedReadings<'_>) -> Option<String> {
+fn layers(readings: ProjectedReadings<'_>, several_scans: bool) -> Option<String> {
     let on_surface = |k: usize| readings.observations.readings.on_surface[readings.subset[k] as usize];
     let distances = |counts: &dyn Fn(usize) -> bool| -> Vec<f64> {
         (readings.feet.iter().enumerate())
@@ -184,7 +184,10 @@ fn layers(readings: ProjectedReadings<'_>) -> Option<String> {
         return Some(text(median, Some(2.0 * median / noise)));
     }
     // Layers no farther apart than a few spacings show in no neighbourhood, but leave the surface between
-    // them empty.
+    // them empty. Several scans may be displaced by errors that they share.
+    if several_scans {
+        return None;
+    }
     let mut all = distances(&|_| true);
     let median = median(&mut all).filter(|_| all.len() >= MIN_FOR_LAYERS)?;
     let near = all.iter().filter(|d| **d < NEAR_SHARE * median).count() as f64;
