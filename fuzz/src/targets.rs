@@ -104,7 +104,7 @@ pub const TARGETS: &[FuzzTarget] = &[
 pub const COMMANDS: &[FuzzTarget] = &[
     target("fit", "a.xyz", valid::fitted_texts, TEXT, unchanged, commands::fit),
     target("fit-job", "a.toml", valid::fitted_jobs, JOB, unchanged, commands::fit),
-    target("update", "a.planish", valid::models, JSON, repair_model, commands::update),
+    target("update", "a.planish", valid::sheets, JSON, repair_model, commands::update),
     target("compare", "a.ply", valid::fitted_meshes, PLY, unchanged, commands::compare),
     target("merge", "a.ply", valid::fitted_meshes, PLY, unchanged, commands::merge),
     target("next", "a.planish", valid::models, JSON, repair_model, commands::next),

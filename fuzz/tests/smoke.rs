@@ -16,6 +16,8 @@ fn no_reader_breaks_on_damaged_files() {
         let numbers: Vec<u64> =
             line.split_whitespace().skip(1).take(3).map(|w| w.parse().expect("a count")).collect();
         // Damage that all readers accept, or all reject, would test nothing.
-        assert!(numbers[0] == 2000 && numbers[1] > 0 && numbers[2] > 200, "{line}");
+        // A command gets a hundredth of the cases.
+        let is_command = numbers[0] == 20;
+        assert!(is_command || numbers[0] == 2000 && numbers[1] > 0 && numbers[2] > 200, "{line}");
     }
 }

@@ -38,8 +38,8 @@ pub fn fitted_jobs() -> Result<Vec<Vec<u8>>> {
     Ok([format!("{sensor}{scan}"), format!("{sensor}{scan}{posed}")].map(String::into_bytes).into())
 }
 
-/// A mesh of the wavy surface, with σ.
-fn mesh() -> String {
+/// A mesh of the wavy surface, raised by `lift`, with σ.
+fn mesh(lift: f64) -> String {
     let points = points(SIDE);
     let mut text = format!(
         "ply\nformat ascii 1.0\ncomment unit mm\nelement vertex {}\nproperty double x\nproperty double \
@@ -50,7 +50,7 @@ fn mesh() -> String {
     );
     for [x, y, z] in points {
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{x} {y} {z} 0.001");
+        let _ = writeln!(text, "{x} {y} {} 0.001", z + lift);
     }
     for k in (0..SIDE * (SIDE - 1)).filter(|k| k % SIDE != SIDE - 1) {
         let _ = writeln!(text, "3 {k} {} {}\n3 {} {} {}", k + 1, k + SIDE, k + 1, k + SIDE + 1, k + SIDE);
@@ -60,7 +60,7 @@ fn mesh() -> String {
 
 /// Meshes that can be compared and merged.
 pub fn fitted_meshes() -> Result<Vec<Vec<u8>>> {
-    Ok(vec![mesh().into_bytes()])
+    Ok(vec![mesh(0.0).into_bytes()])
 }
 
 /// The front view of a bracket; the other views lie in the same folder.
@@ -104,7 +104,7 @@ pub fn patch_poses() -> Result<Vec<Vec<u8>>> {
 pub fn companions() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("wavy.xyz", wavy(None).into_bytes()),
-        ("patch.ply", mesh().into_bytes()),
+        ("patch.ply", mesh(5e-4).into_bytes()),
         ("top.dxf", include_bytes!("../../../examples/data/bracket/top.dxf").to_vec()),
         ("side.dxf", include_bytes!("../../../examples/data/bracket/side.dxf").to_vec()),
     ]

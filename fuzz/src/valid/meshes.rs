@@ -129,6 +129,11 @@ pub fn models() -> Result<Vec<Vec<u8>>> {
     [Shape::Sheet, Shape::Ball].into_iter().map(model).collect()
 }
 
+/// A model of the wavy surface.
+pub fn sheets() -> Result<Vec<Vec<u8>>> {
+    Ok(vec![model(planish::Shape::Sheet)?])
+}
+
 /// A small saved model of a sheet or a ball.
 fn model(shape: planish::Shape) -> Result<Vec<u8>> {
     let folder = tempfile::tempdir().map_err(|e| Error::io("no folder").with_source(e))?;
