@@ -109,7 +109,7 @@ pub const COMMANDS: &[FuzzTarget] = &[
     target("merge", "a.ply", valid::fitted_meshes, PLY, unchanged, commands::merge),
     target("next", "a.planish", valid::models, JSON, repair_model, commands::next),
     target("solid", "a.dxf", valid::front_views, DXF, unchanged, commands::solid),
-    target("contour", "a.csv", valid::outlines, READINGS, unchanged, commands::contour),
+    target("fit-contour", "a.csv", valid::outlines, READINGS, unchanged, commands::contour),
     target("pose", "p.toml", valid::patch_poses, POSES, unchanged, commands::pose),
     target("verify-glb", "a.glb", valid::glbs, GLB, repair_glb_lengths, commands::verify),
     target("verify-step", "a.step", valid::steps, STEP, unchanged, commands::verify),

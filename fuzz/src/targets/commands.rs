@@ -131,8 +131,7 @@ pub(super) fn solid(path: &Path) -> Result<()> {
 
 /// `planish contour FILE -o out.json -o out.dxf -o out.svg`.
 pub(super) fn contour(path: &Path) -> Result<()> {
-    let sigma =
-        SigmaDefaults { position: Some(0.1), heading_deg: Some(0.5), range: Some(0.1), point: Some(0.1) };
+    let sigma = SigmaDefaults { position: None, heading_deg: None, range: None, point: Some(0.1) };
     run(&ContourJob {
         input: path.to_path_buf(),
         sigma,
