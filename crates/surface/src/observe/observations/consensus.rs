@@ -43,7 +43,12 @@ impl Observations {
         let Some(found) = surface_consensus(&self.points_of(&positions))? else {
             return Ok(());
         };
-        self.mark_surface(&positions, &found);
+        // The normal of the surface that the neighbours of each reading show.
+        let mut planes = vec![Vec3::ZERO; self.len()];
+        for (&i, (&on, normal)) in positions.iter().zip(found.on_surface.iter().zip(&found.normals)) {
+            self.readings.on_surface[i] = on;
+            planes[i] = normal.as_vec3();
+        }
         let mut by_scan = vec![Vec::new(); scans.len()];
         for &i in &positions {
             by_scan[self.readings.scan[i] as usize].push(i);
@@ -62,18 +67,19 @@ impl Observations {
                     self.note_layers(&alone);
                     let of_scan = own.iter().zip(alone.on_surface.iter().zip(&alone.normals));
                     for (&i, (&on, normal)) in of_scan.filter(|(i, _)| again.binary_search(i).is_ok()) {
-                        self.mark(i, on, normal.as_vec3());
+                        self.readings.on_surface[i] = on;
+                        planes[i] = normal.as_vec3();
                     }
                 }
             } else if own.len() == positions.len() {
                 self.note_layers(&found);
             }
             if scans[s].normals.is_some() {
-                self.check_normals(s, own)?;
+                self.check_normals(s, own, &planes)?;
             }
         }
-        for (&i, normal) in positions.iter().zip(&found.normals) {
-            self.complete_normal(i, normal.as_vec3());
+        for i in positions {
+            self.complete_normal(i, planes[i]);
         }
         Ok(())
     }
@@ -93,19 +99,6 @@ impl Observations {
         readings.iter().map(|&i| self.readings.points[i]).collect()
     }
 
-    fn mark_surface(&mut self, readings: &[usize], found: &SurfaceConsensus) {
-        for (&i, &on) in readings.iter().zip(&found.on_surface) {
-            self.readings.on_surface[i] = on;
-        }
-    }
-
-    fn mark(&mut self, i: usize, on_surface: bool, normal: Vec3) {
-        self.readings.on_surface[i] = on_surface;
-        if on_surface {
-            self.complete_normal(i, normal);
-        }
-    }
-
     /// Gives a reading without a normal that of the surface; its side stays unknown.
     fn complete_normal(&mut self, i: usize, normal: Vec3) {
         if self.readings.normals[i] == Vec3::ZERO && normal != Vec3::ZERO {
@@ -115,7 +108,7 @@ impl Observations {
     }
 
     /// Forgets stated normals of a scan that contradict the surface, and sides that contradict each other.
-    fn check_normals(&mut self, scan: usize, own: &[usize]) -> Result<()> {
+    fn check_normals(&mut self, scan: usize, own: &[usize], planes: &[Vec3]) -> Result<()> {
         let known: Vec<usize> = own
             .iter()
             .copied()
@@ -124,13 +117,10 @@ impl Observations {
         if known.len() < MIN_FOR_CONSENSUS {
             return Ok(());
         }
-        let points = self.points_of(&known);
-        let Some(planes) = surface_consensus(&points)? else {
-            return Ok(());
-        };
-        let pairs = known.iter().zip(&planes.normals).filter(|(_, plane)| plane.length_squared() > 0.5);
-        let (count, contradictions) = pairs.fold((0_usize, 0_usize), |(count, found), (&i, plane)| {
-            (count + 1, found + usize::from(self.normal(i).dot(*plane).abs() < MIN_COSINE))
+        let with_plane = known.iter().filter(|&&i| planes[i] != Vec3::ZERO);
+        let (count, contradictions) = with_plane.fold((0_usize, 0_usize), |(count, found), &i| {
+            let cosine = self.normal(i).dot(planes[i].as_dvec3());
+            (count + 1, found + usize::from(cosine.abs() < MIN_COSINE))
         });
         let share = contradictions as f64 / count.max(1) as f64;
         if share > MAX_CONTRADICTIONS {
@@ -142,7 +132,7 @@ impl Observations {
             return Ok(());
         }
         let normals: Vec<DVec3> = known.iter().map(|&i| self.normal(i)).collect();
-        let near = Neighbourhoods::new(&points, SIDE_NEIGHBOURS)?;
+        let near = Neighbourhoods::new(&self.points_of(&known), SIDE_NEIGHBOURS)?;
         // Neighbours across an edge face neither side.
         let same_side = |i: usize, j: usize| {
             let cosine = normals[i].dot(normals[j]);
