@@ -2,7 +2,7 @@
 //!
 //! In: a damaged file. Out: whether the reader accepts or rejects it. What is written from an accepted file
 //! must read back the same. A new reader needs a line of [`TARGETS`], a function in [`crate::valid`], and the
-//! words of its format in [`words`].
+//! words of its format in `words`.
 
 mod commands;
 mod readers;

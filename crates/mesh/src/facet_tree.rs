@@ -61,12 +61,21 @@ impl FacetTree {
     /// Builds a tree over `count` facets, at least one, with finite corners. Cost O(n log n).
     #[must_use]
     pub fn new(count: usize, corners: impl Fn(usize) -> [DVec3; 3]) -> Self {
+        Self::of_some(&(0..count as u32).collect::<Vec<u32>>(), corners)
+    }
+
+    /// Builds a tree over the facets with these indices.
+    #[must_use]
+    pub fn of_some(facets: &[u32], corners: impl Fn(usize) -> [DVec3; 3]) -> Self {
+        let corners = |k: usize| corners(facets[k] as usize);
+        let count = facets.len();
         // Points are tested once here and not in each visit: a tree is built once and visited often.
         let are_points = (0..count).all(|t| {
             let [a, b, c] = corners(t);
             a == b && b == c
         });
-        let Bvh { mut nodes, corners, triangles } = Bvh::new(count, corners);
+        let Bvh { mut nodes, corners, mut triangles } = Bvh::new(count, corners);
+        triangles.iter_mut().for_each(|k| *k = facets[*k as usize]);
         let packets = if are_points {
             Packets::Points(build_packets(&mut nodes, &corners, &triangles))
         } else {

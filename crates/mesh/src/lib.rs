@@ -46,6 +46,7 @@
 //! ```
 
 mod bvh;
+mod copies;
 mod crossings;
 mod curvature;
 mod deviation;
@@ -67,6 +68,7 @@ mod triangle;
 mod visibility;
 mod winding;
 
+pub use copies::distinct_triangles;
 pub use crossings::SelfCrossings;
 pub use curvature::{VertexCurvature, vertex_curvature};
 pub use deviation::{DeviationStatistics, quantile_of_sorted};

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use planish_estimate::{Error, Result};
 
 use crate::bvh::{Bvh, MAX_DEPTH, squared_distance_to_box};
+use crate::copies::first_copies;
 use crate::edges::EdgeTable;
 use crate::mesh::TriangleMesh;
 use crate::triangle::{Feature, Foot, area_vector, closest_on_triangle, unit_normal, unit_or_zero};
@@ -75,27 +76,6 @@ pub struct MeshSearch {
     edge_normals: Vec<DVec3>,
     boundary_vertices: Vec<bool>,
     boundary_edges: Vec<bool>,
-}
-
-/// For each triangle, the index of the first one with the same vertices and orientation.
-fn first_copies(triangles: &[[u32; 3]]) -> Vec<u32> {
-    let turned = |t: &[u32; 3]| {
-        let mut t = *t;
-        let least = (1..3).fold(0, |least, k| if t[k] < t[least] { k } else { least });
-        t.rotate_left(least);
-        t
-    };
-    let mut order: Vec<([u32; 3], u32)> = triangles.iter().map(turned).zip(0..).collect();
-    // Sorted by index among equal ones, so that the first copy comes first.
-    order.par_sort_unstable();
-    let mut first: Vec<u32> = vec![0; triangles.len()];
-    let mut last: Option<([u32; 3], u32)> = None;
-    for (key, triangle) in order {
-        let kept = last.filter(|(other, _)| *other == key).map_or(triangle, |(_, kept)| kept);
-        first[triangle as usize] = kept;
-        last = Some((key, kept));
-    }
-    first
 }
 
 impl MeshSearch {

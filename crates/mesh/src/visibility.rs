@@ -1,15 +1,19 @@
 //! A depth buffer: the visible triangle in each pixel of an image.
 //!
 //! In: projected corners and triangles. Out: for each pixel, the nearest triangle, the point on it, and its
-//! depth. Cost: one step for each pixel that a triangle covers; threads share the image in bands of rows.
+//! depth. Cost: one step for each pixel that a triangle covers, and one for each of its rows; threads share the
+//! image in bands of rows. Copies of a triangle are drawn once.
 //!
 //! Not guaranteed: triangles that reach behind the camera are not drawn at all.
 
+use crate::copies::distinct_triangles;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Number of rows in one parallel task; every task visits all triangles, so small bands would waste time.
 const TASK_ROWS: usize = 64;
+/// Copies of triangles are left out where triangles cover the image more often than this.
+const MANY_LAYERS: f64 = 50.0;
 /// Index of the triangle of an empty pixel.
 const NO_TRIANGLE: u32 = u32::MAX;
 
@@ -78,11 +82,12 @@ impl DepthBuffer {
     ) -> Self {
         let empty = Place { nearness: 0.0, triangle: NO_TRIANGLE, weights: [0.0; 2] };
         let mut places = vec![empty; columns * rows.len()];
+        let drawn = drawn_triangles((columns * rows.len()) as f64, corners, triangles);
         (places.par_chunks_mut((TASK_ROWS * columns).max(1)).enumerate()).for_each(|(band, places)| {
             let first_row = rows.start + band * TASK_ROWS;
-            for (t, triangle) in triangles.iter().enumerate() {
-                let corners = triangle.map(|c| corners[c as usize]);
-                draw_triangle(places, columns, first_row, &corners, t as u32);
+            for &t in drawn.iter() {
+                let corners = triangles[t as usize].map(|c| corners[c as usize]);
+                draw_triangle(places, columns, first_row, &corners, t);
             }
         });
         Self { columns, first_row: rows.start, places }
@@ -101,6 +106,23 @@ impl DepthBuffer {
             barycentric: [1.0 - b - c, b, c],
             depth: 1.0 / place.nearness,
         })
+    }
+}
+
+/// The triangles that are drawn: where triangles cover the image many times, those that are no copies.
+///
+/// A copy costs as much as the first and is never visible; a search for copies costs more than it saves in an
+/// ordinary mesh.
+fn drawn_triangles(pixels: f64, corners: &[Projected], triangles: &[[u32; 3]]) -> Vec<u32> {
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|k| corners[k as usize].at);
+        let twice = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+        // The smaller number also where the area is not a number.
+        (0.5 * twice.abs()).min(pixels)
+    };
+    match triangles.iter().map(area).sum::<f64>() > MANY_LAYERS * pixels {
+        true => distinct_triangles(triangles),
+        false => (0..triangles.len() as u32).collect(),
     }
 }
 
@@ -135,13 +157,18 @@ fn draw_triangle(
     };
     let nearness = corners.map(|corner| 1.0 / corner.depth);
     let columns_covered = range(0, 0, columns);
+    let weights = |x: f64, y: f64| {
+        let in_second = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area;
+        let in_third = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area;
+        [1.0 - in_second - in_third, in_second, in_third]
+    };
+    // Growth of the weights from one column to the next.
+    let growth = [(b[1] - c[1]) / area, (c[1] - a[1]) / area, (a[1] - b[1]) / area];
     for row in range(1, first_row, rows) {
         let y = (first_row + row) as f64 + 0.5;
-        for column in columns_covered.clone() {
-            let x = column as f64 + 0.5;
-            let in_second = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area;
-            let in_third = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area;
-            let in_first = 1.0 - in_second - in_third;
+        let left = columns_covered.start as f64 + 0.5;
+        for column in columns_inside(columns_covered.clone(), weights(left, y), growth) {
+            let [in_first, in_second, in_third] = weights(column as f64 + 0.5, y);
             // Borders count as inside for both neighbours. Open borders could leave pixels between them
             // empty.
             if in_first < 0.0 || in_second < 0.0 || in_third < 0.0 {
@@ -160,6 +187,26 @@ fn draw_triangle(
             }
         }
     }
+}
+
+/// The part of a row of columns where three affine functions, given by their values in the first column and
+/// their growth, are positive; a column more on either side, for rounding.
+///
+/// Without it, a row would cost as much as the box about the triangle, which for slivers is many times more.
+fn columns_inside(columns: Range<usize>, first: [f64; 3], growth: [f64; 3]) -> Range<usize> {
+    let (mut low, mut high) = (0.0_f64, columns.len() as f64);
+    for (value, growth) in first.into_iter().zip(growth) {
+        let zero = -value / growth;
+        // Not a number where the function is zero everywhere; infinite where it is constant.
+        match growth {
+            0.0.. if zero.is_finite() => low = low.max(zero.floor() - 1.0),
+            ..0.0 if zero.is_finite() => high = high.min(zero.ceil() + 2.0),
+            _ => {}
+        }
+    }
+    let end = columns.start + high.max(0.0) as usize;
+    let start = (columns.start + low as usize).min(end);
+    start..end
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ use crate::skeleton::{Skeleton, skeleton};
 use nalgebra::Vector3;
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
-use planish_mesh::{FacetTree, NearFacet, TriangleMesh};
+use planish_mesh::{FacetTree, NearFacet, TriangleMesh, distinct_triangles};
 use rayon::prelude::*;
 
 /// Default share of the sum that may be ignored. Smaller shares visit more facets per point.
@@ -217,7 +217,8 @@ impl<'a> Shell<'a> {
         if total.is_nan() || total <= 0.0 {
             return Err(Error::undetermined("expected facets with an area for a shell, found none"));
         }
-        let tree = FacetTree::new(count, |t| match skeletons.get(t) {
+        // Copies of a facet would weigh it more than its neighbours.
+        let tree = FacetTree::of_some(&distinct_triangles(&mesh.triangles), |t| match skeletons.get(t) {
             None => mesh.corners(t),
             Some(skeleton) => [skeleton.center; 3],
         });

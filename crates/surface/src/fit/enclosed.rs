@@ -7,7 +7,7 @@
 //! `χ = V − E + F − C` counts edges between neighbours, squares of four and cubes of eight cells that are all
 //! inside. With `b₀` bodies and `b₂` enclosed cavities, the number of handles is `b₁ = b₀ + b₂ − χ`. Noise
 //! makes small handles at one level that are gone at another, so the smallest number over three levels
-//! counts.
+//! counts. That of a single level counts only with other evidence.
 //!
 //! Not guaranteed: holes narrower than about three grid cells, which is 5 % of the size of the cloud.
 
@@ -49,7 +49,10 @@ pub(super) struct EnclosedSolid {
     /// Slope of the indicator at the points, and its difference between inside and the level.
     steepness: f64,
     jump: f64,
+    /// The smallest numbers of bodies and of handles over the levels.
     pub topology: EnclosedTopology,
+    /// The simplest topology of a level that a ball does not have; `topology` if there is none.
+    pub at_any_level: EnclosedTopology,
 }
 
 impl EnclosedSolid {
@@ -66,8 +69,10 @@ impl EnclosedSolid {
             bodies: at.iter().map(|found| found.bodies).min().unwrap_or(0),
             handles: at.iter().map(|found| found.handles).min().unwrap_or(0),
         };
+        let other = at.iter().copied().filter(|found| !found.is_ball());
+        let at_any_level = other.min_by_key(|found| found.bodies + found.handles).unwrap_or(topology);
         let jump = field.inside() - level;
-        Self { field, level, steepness, jump, topology }
+        Self { field, level, steepness, jump, topology, at_any_level }
     }
 
     /// True if a point is far from the surface of the solid, inside or outside: a film across a hole, or two

@@ -33,7 +33,7 @@ use super::misfit_report::{MisfitReport, misfit_regions};
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
-use super::rough_places::rough_variances;
+use super::rough_places::lacking_variances;
 use super::shared_errors::shared_variance;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
 use super::verdict::{Verdict, VerdictInput, judge_surface, refuse_far_larger_noise};
@@ -189,8 +189,8 @@ pub(super) fn finish(
     }
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
     let mut misfits = local_misfit(&model.surface, readings, &noise, options.gate)?;
-    for (misfit, rough) in misfits.iter_mut().zip(rough_variances(&seen)?) {
-        misfit.variance = misfit.variance.max(rough);
+    for (misfit, lacking) in misfits.iter_mut().zip(lacking_variances(&seen)?) {
+        misfit.variance = misfit.variance.max(lacking);
     }
     model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
     let regions = misfit_regions(&model.surface, &misfits);

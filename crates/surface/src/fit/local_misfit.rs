@@ -60,36 +60,26 @@ pub(super) fn local_misfit(
     noise: &SensorNoise,
     gate: f64,
 ) -> Result<Vec<LeafMisfit>> {
-    let ProjectedReadings { observations, feet, .. } = readings;
-    let space = surface.space();
-    let leaves = space.leaves().len();
-    let (start, order) = by_leaf(feet, leaves);
-    // Normalised residuals and precisions of the readings of a leaf.
-    let own = |leaf: usize| {
-        let on_leaf = order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize);
-        on_leaf
-            .filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
-            .filter(|&k| !observations.channels[readings.channel(k)].inferred)
-            .filter_map(|k| {
-                let variance = noise.variance_factors[readings.channel(k)] * feet[k].variance;
-                (variance > 0.0).then(|| [feet[k].height() / variance.sqrt(), 1.0 / variance])
-            })
-    };
-    (0..leaves)
+    let by_leaf = NormalisedResiduals::new(readings, noise, surface.space().leaves().len());
+    (0..by_leaf.sums.len())
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
-            let near: Vec<[f64; 2]> = own(leaf).collect();
+            let own = by_leaf.of(leaf);
             let mut found = LeafMisfit {
-                readings: near.len(),
-                not_followed: near.iter().filter(|[r, _]| r.abs() > gate).count(),
+                readings: own.len(),
+                not_followed: own.iter().filter(|r| r.abs() > gate).count(),
                 ..LeafMisfit::default()
             };
             // An edge shows in the readings of all leaves along it before it shows in those of one.
-            let around: Vec<[f64; 2]> = neighbourhood(space, leaf).into_iter().flat_map(own).collect();
-            for readings in [near, around].iter().filter(|readings| readings.len() >= MIN_READINGS as usize) {
-                let noise = readings.len() as f64 / readings.iter().map(|[_, w]| w).sum::<f64>();
-                let variance = noise * excess_square(readings, gate)?;
+            for leaves in [vec![leaf], neighbourhood(surface.space(), leaf)] {
+                let sums = leaves.iter().fold(Sums::default(), |sums, &k| sums + by_leaf.sums[k]);
+                if sums.count < MIN_READINGS as usize {
+                    continue;
+                }
+                let residuals = || leaves.iter().flat_map(|&k| by_leaf.of(k)).copied().collect();
+                let noise = sums.count as f64 / sums.precision;
+                let variance = noise * excess_square(sums, residuals, gate)?;
                 if found.noise_variance == 0.0 || variance > found.variance {
                     (found.noise_variance, found.variance) = (noise, variance);
                 }
@@ -97,6 +87,64 @@ pub(super) fn local_misfit(
             Ok(found)
         })
         .collect()
+}
+
+/// Residuals of positions over the σ of their sensors, leaf by leaf.
+struct NormalisedResiduals {
+    values: Vec<f64>,
+    /// Of each leaf, the number of its first residual.
+    start: Vec<usize>,
+    sums: Vec<Sums>,
+}
+
+/// Sums over residuals: their number, their squares, and the precisions of their readings.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    count: usize,
+    square: f64,
+    precision: f64,
+}
+
+impl std::ops::Add for Sums {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            square: self.square + other.square,
+            precision: self.precision + other.precision,
+        }
+    }
+}
+
+impl NormalisedResiduals {
+    fn new(readings: ProjectedReadings<'_>, noise: &SensorNoise, leaves: usize) -> Self {
+        let ProjectedReadings { observations, feet, .. } = readings;
+        let (first, order) = by_leaf(feet, leaves);
+        let mut found = Self { values: Vec::new(), start: vec![0], sums: Vec::with_capacity(leaves) };
+        for leaf in 0..leaves {
+            let mut sums = Sums::default();
+            let on_leaf = &order[first[leaf] as usize..first[leaf + 1] as usize];
+            for k in on_leaf.iter().map(|&k| k as usize) {
+                let channel = readings.channel(k);
+                let variance = noise.variance_factors[channel] * feet[k].variance;
+                let counts = feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position;
+                if counts && variance > 0.0 && !observations.channels[channel].inferred {
+                    let residual = feet[k].height() / variance.sqrt();
+                    found.values.push(residual);
+                    let one = Sums { count: 1, square: residual * residual, precision: 1.0 / variance };
+                    sums = sums + one;
+                }
+            }
+            found.start.push(found.values.len());
+            found.sums.push(sums);
+        }
+        found
+    }
+
+    fn of(&self, leaf: usize) -> &[f64] {
+        &self.values[self.start[leaf]..self.start[leaf + 1]]
+    }
 }
 
 /// The variance that the misfit of each leaf adds to its readings.
@@ -109,17 +157,14 @@ pub(super) fn local_variances(
     Ok(local_misfit(surface, readings, noise, gate)?.into_iter().map(|found| found.variance).collect())
 }
 
-/// `s² − 1` of normalised residuals, if it is significant, else 0.
-fn excess_square(residuals: &[[f64; 2]], gate: f64) -> Result<f64> {
+/// `s² − 1` of normalised residuals with the given sums, if it is significant, else 0.
+fn excess_square(sums: Sums, residuals: impl Fn() -> Vec<f64>, gate: f64) -> Result<f64> {
     let significant = |square: f64, count: f64| square > 1.0 + SIGNIFICANT * (2.0 / count).sqrt();
     // The gate only lowers the scale, and most leaves are without misfit.
-    let count = residuals.len() as f64;
-    let square = residuals.iter().map(|[r, _]| r * r).sum::<f64>() / count;
-    if !significant(square, count) {
+    if !significant(sums.square / sums.count as f64, sums.count as f64) {
         return Ok(0.0);
     }
-    let normalised: Vec<f64> = residuals.iter().map(|[r, _]| *r).collect();
-    let scale = gated_scale(&normalised, gate)?;
+    let scale = gated_scale(&residuals(), gate)?;
     let square = scale.sigma * scale.sigma;
     Ok(if significant(square, scale.kept.max(1) as f64) { square - 1.0 } else { 0.0 })
 }

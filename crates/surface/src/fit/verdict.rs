@@ -38,6 +38,8 @@ const MAX_UNDERSTATEMENT: f64 = 10.0;
 const MAX_PLACES: usize = 20;
 /// Readings from which the enclosed solid is found.
 const TOPOLOGY_SAMPLE: usize = 30_000;
+/// More handles than this are those of a wall that is as thin as a cell of the indicator.
+const MAX_COUNTED_HANDLES: usize = 20;
 /// Fewer readings show no solid: between them the indicator has holes.
 const MIN_FOR_TOPOLOGY: usize = 1000;
 
@@ -100,8 +102,13 @@ pub(super) fn judge_surface(
     let misfit = surface_misfit(readings, input.gate, input.origin)?;
     let shape = surface.space().shape();
     let solid = (shape == Shape::Ball).then(|| solid_of(readings.observations)).flatten();
-    let other = solid.as_ref().filter(|solid| !solid.topology.is_ball());
-    let stray = other.map_or(0.0, |solid| stray_share(surface, solid));
+    // Thin parts vanish at some levels of the indicator, and noise makes small handles at others. Where the
+    // surface leaves the solid as well, a single level is evidence.
+    let stray =
+        solid.as_ref().filter(|solid| !solid.at_any_level.is_ball()).map_or(0.0, |s| stray_share(surface, s));
+    let other = (solid.as_ref())
+        .map(|solid| if stray > MAX_STRAY { solid.at_any_level } else { solid.topology })
+        .filter(|topology| !topology.is_ball());
     if misfit.places.is_empty() && stray <= MAX_STRAY {
         return Ok(Verdict::default());
     }
@@ -119,7 +126,7 @@ pub(super) fn judge_surface(
             )
         },
     );
-    let text = format!("{place}: {}", reason(shape, other.map(|solid| solid.topology), input.several_scans));
+    let text = format!("{place}: {}", reason(shape, other, input.several_scans));
     if refused && !input.force {
         let text = format!("{text}; a result can be forced, but is wrong there");
         return Err(Error::undetermined(text).with_setting(Setting::Force));
@@ -210,19 +217,19 @@ fn stray_share(surface: &Surface, solid: &EnclosedSolid) -> f64 {
 
 /// Why a surface does not follow its readings, as far as the readings show it.
 fn reason(shape: Shape, enclosed: Option<EnclosedTopology>, several_scans: bool) -> String {
-    let several = |count: usize, one: &str, many: &str| {
-        if count == 1 { format!("1 {one}") } else { format!("{count} {many}") }
-    };
     match enclosed {
         Some(EnclosedTopology { bodies, .. }) if bodies > 1 => format!(
             "the readings show {bodies} separate bodies, and a {} is one: fit each body alone",
             shape.name()
         ),
-        Some(EnclosedTopology { handles, .. }) if handles > 0 => format!(
-            "the object has {}, which a {} cannot have",
-            several(handles, "hole through it or handle", "or more holes through it or handles"),
-            shape.name()
-        ),
+        Some(EnclosedTopology { handles, .. }) if handles > 0 => {
+            let holes = match handles {
+                1 => "a hole through it or a handle".to_owned(),
+                2..=MAX_COUNTED_HANDLES => format!("{handles} or more holes through it or handles"),
+                _ => "holes through it or handles, or thin walls".to_owned(),
+            };
+            format!("the object has {holes}, which a {} cannot have", shape.name())
+        }
         _ => format!(
             "there is an edge, a hole, a thin part or another feature that a smooth {} of this resolution \
              does not have{}",

@@ -99,11 +99,11 @@ impl Observations {
         readings.iter().map(|&i| self.readings.points[i]).collect()
     }
 
-    /// Gives a reading without a normal that of the surface; its side stays unknown.
+    /// Gives a reading of unknown side without a normal that of the surface. In a grid with a viewpoint, few
+    /// readings lack one, and normals of unknown side would have all others oriented anew.
     fn complete_normal(&mut self, i: usize, normal: Vec3) {
-        if self.readings.normals[i] == Vec3::ZERO && normal != Vec3::ZERO {
+        if self.readings.normals[i] == Vec3::ZERO && !self.readings.oriented[i] {
             self.readings.normals[i] = normal;
-            self.readings.oriented[i] = false;
         }
     }
 
