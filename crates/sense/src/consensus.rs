@@ -40,6 +40,9 @@ const NEIGHBOURS_SHARE: usize = 16;
 /// Planes through three neighbours that are tried. With 45 % of gross errors among the neighbours, all of 24
 /// contain one with a probability of 1 %.
 const TRIED_PLANES: usize = 24;
+/// Median distance over radius of a plane after which no other is tried. So near are 7 % of the points of an
+/// evenly filled ball, so that chance brings no half of them.
+const SURELY_FLAT: f64 = 0.05;
 /// Neighbours near the patch, as a share of all, below which it does not count.
 const MIN_INLIERS: f64 = 0.5;
 /// Largest scatter over radius of a patch that counts. Points that fill a ball evenly have about 0.4.
@@ -303,7 +306,7 @@ fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> P
     if near.len() <= COEFFICIENTS || radius <= 0.0 {
         return none;
     }
-    let Some((normal, offset, median)) = least_median_plane(&near, i) else {
+    let Some((normal, offset, median)) = least_median_plane(&near, radius, i) else {
         return none;
     };
     // With few neighbours, the smallest median is too small by about 1 + 5/(n − 3) (Rousseeuw & Leroy 1987).
@@ -354,8 +357,9 @@ fn height_field(patch: &Patch, points: &[DVec3]) -> Option<[f64; COEFFICIENTS]> 
     Some(normal_equations.cholesky()?.solve(&right).into())
 }
 
-/// Normal, offset and median absolute residual of the best of the planes through three of the points.
-fn least_median_plane(near: &[DVec3], seed: usize) -> Option<(DVec3, f64, f64)> {
+/// Normal, offset and median absolute residual of the best of the planes through three of the points, or of
+/// the first that is surely near most of them.
+fn least_median_plane(near: &[DVec3], radius: f64, seed: usize) -> Option<(DVec3, f64, f64)> {
     let mut random = SplitMix64::new(seed as u64);
     let mut draw = || (random.next_u64() % near.len() as u64) as usize;
     let mut residuals = vec![0.0; near.len()];
@@ -374,6 +378,9 @@ fn least_median_plane(near: &[DVec3], seed: usize) -> Option<(DVec3, f64, f64)> 
         let median = *residuals.select_nth_unstable_by(middle, f64::total_cmp).1;
         if best.is_none_or(|(.., least)| median < least) {
             best = Some((normal, offset, median));
+        }
+        if median <= SURELY_FLAT * radius {
+            break;
         }
     }
     best

@@ -47,7 +47,7 @@ const CAP_SHARES: [f64; 2] = [0.5, 0.3];
 /// Caps of these shares overlap: at most this many have no reading in common.
 const INDEPENDENT_CAPS: usize = 3;
 /// Control vertices over all sets. Each set costs as much as an iteration of the fit.
-const MAX_NODES: usize = 40_000;
+const MAX_NODES: usize = 24_000;
 /// Ratio of the distances of successive steps.
 const DISTANCE_STEP: f64 = 1.5;
 /// Readings that a step must have.
