@@ -74,7 +74,7 @@ pub use reml::{
 };
 pub use robust::{
     GatedScale, Loss, LossMoments, StudentTScale, TruncatedNormal, gated_scale, gated_scale_from,
-    median_absolute_deviation, median_magnitude_scale, sandwich_factor,
+    gated_scale_over_background, median_absolute_deviation, median_magnitude_scale, sandwich_factor,
 };
 pub use smoothness_posterior::{PenalizedReadings, SmoothnessPosterior};
 pub use variance_components::{

@@ -370,8 +370,9 @@ pub(crate) fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
     (best.normalize_or_zero(), smallest / trace)
 }
 
-/// Flips normals so that neighbours agree. It starts from the fixed ones, or else from the point farthest
-/// from the centre, whose normal must point outwards.
+/// Flips normals so that neighbours agree. It starts from the fixed ones. A part of the cloud that they do not
+/// reach is turned so that the sum of `n · (p − c)` over its points `p` with centre `c` is positive: for a closed
+/// surface it is three times the volume over the area of a point, whatever the shape.
 ///
 /// The method is greedy growth over the neighbour graph, most parallel pairs first.
 ///
@@ -383,54 +384,94 @@ pub(crate) fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
 pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k: usize) -> Result<()> {
     let tree = tree(points)?;
     let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
-    let mut done = fixed.to_vec();
-    let mut queue: BinaryHeap<(u64, u32, u32)> = BinaryHeap::new();
-    // Agreement in [0, 1] as an ordered integer.
-    let agreement = |a: DVec3, b: DVec3| (a.dot(b).abs() * 1e9) as u64;
-    let push = |queue: &mut BinaryHeap<(u64, u32, u32)>, normals: &[DVec3], done: &[bool], i: usize| {
-        for near in tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute() {
-            let j = near.item as usize;
-            if !done[j] {
-                // The most parallel pair first (Hoppe et al. 1992): signs are passed on across sharp edges
-                // only if there is no other way. Ties go to the smaller index, so that the result is the same
-                // in every run.
-                queue.push((agreement(normals[i], normals[j]), u32::MAX - j as u32, i as u32));
-            }
+    let mut growth = NormalGrowth { points, tree, k, done: fixed.to_vec(), queue: BinaryHeap::new() };
+    for i in (0..points.len()).filter(|&i| fixed[i]) {
+        growth.push_neighbours(normals, i);
+    }
+    growth.run(normals);
+    // Parts in the order of their farthest points, so that the largest comes first.
+    let middle = mean(points);
+    let mut seeds: Vec<u32> = (0..points.len() as u32).collect();
+    let from_middle = |i: u32| (points[i as usize] - middle).length();
+    seeds.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));
+    for seed in seeds.into_iter().map(|i| i as usize) {
+        if growth.done[seed] {
+            continue;
         }
-    };
-    for i in 0..points.len() {
-        if done[i] {
-            push(&mut queue, normals, &done, i);
+        let turned = growth.turned_by_neighbour(normals, seed);
+        if turned == Some(true) {
+            normals[seed] = -normals[seed];
+        }
+        growth.done[seed] = true;
+        growth.push_neighbours(normals, seed);
+        let mut part = growth.run(normals);
+        part.push(seed);
+        let place = |&i: &usize| points[i];
+        let centre = mean(&part.iter().map(place).collect::<Vec<_>>());
+        let outwards: f64 = part.iter().map(|&i| normals[i].dot(points[i] - centre)).sum();
+        if turned.is_none() && outwards < 0.0 {
+            part.into_iter().for_each(|i| normals[i] = -normals[i]);
         }
     }
-    let middle = mean(points);
-    let mut outward: Vec<u32> = (0..points.len() as u32).collect();
-    let from_middle = |i: u32| (points[i as usize] - middle).length();
-    // The point farthest from the centre is on the outer surface, where outwards is away from the centre.
-    outward.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));
-    let mut seeds = outward.into_iter();
-    loop {
-        while let Some((_, j, i)) = queue.pop() {
+    Ok(())
+}
+
+/// The greedy growth of [`orient_normals`].
+struct NormalGrowth<'a> {
+    points: &'a [DVec3],
+    tree: ImmutableKdTree<f64, 3>,
+    k: NonZero<usize>,
+    done: Vec<bool>,
+    /// Agreement, and the numbers of a point and of its neighbour that is done.
+    queue: BinaryHeap<(u64, u32, u32)>,
+}
+
+impl NormalGrowth<'_> {
+    fn neighbours(&self, i: usize) -> impl Iterator<Item = usize> {
+        let found =
+            self.tree.query(self.points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(self.k).execute();
+        found.into_iter().map(|near| near.item as usize)
+    }
+
+    fn push_neighbours(&mut self, normals: &[DVec3], i: usize) {
+        for j in self.neighbours(i).filter(|&j| !self.done[j]).collect::<Vec<_>>() {
+            // The most parallel pair first (Hoppe et al. 1992): signs are passed on across sharp edges only
+            // if there is no other way. Ties go to the smaller index, so that the result is the same in
+            // every run.
+            self.queue.push((agreement(normals[i], normals[j]), u32::MAX - j as u32, i as u32));
+        }
+    }
+
+    /// Orients all points that the queue reaches, and returns them.
+    fn run(&mut self, normals: &mut [DVec3]) -> Vec<usize> {
+        let mut reached = Vec::new();
+        while let Some((_, j, i)) = self.queue.pop() {
             let (j, i) = ((u32::MAX - j) as usize, i as usize);
-            if done[j] {
+            if self.done[j] {
                 continue;
             }
             if normals[i].dot(normals[j]) < 0.0 {
                 normals[j] = -normals[j];
             }
-            done[j] = true;
-            push(&mut queue, normals, &done, j);
+            self.done[j] = true;
+            reached.push(j);
+            self.push_neighbours(normals, j);
         }
-        let Some(seed) = seeds.find(|&i| !done[i as usize]) else {
-            return Ok(());
-        };
-        let seed = seed as usize;
-        if normals[seed].dot(points[seed] - middle) < 0.0 {
-            normals[seed] = -normals[seed];
-        }
-        done[seed] = true;
-        push(&mut queue, normals, &done, seed);
+        reached
     }
+
+    /// Whether the most parallel neighbour that is done faces the other side; none if no neighbour is done. It
+    /// may have been done without passing its side on, because it has nearer neighbours.
+    fn turned_by_neighbour(&self, normals: &[DVec3], i: usize) -> Option<bool> {
+        let best = (self.neighbours(i).filter(|&j| self.done[j]))
+            .max_by_key(|&j| (agreement(normals[i], normals[j]), std::cmp::Reverse(j)))?;
+        Some(normals[i].dot(normals[best]) < 0.0)
+    }
+}
+
+/// Agreement of two normals, in [0, 1], as an ordered integer.
+fn agreement(a: DVec3, b: DVec3) -> u64 {
+    (a.dot(b).abs() * 1e9) as u64
 }
 
 #[cfg(test)]

@@ -49,6 +49,7 @@ mod residual_sample;
 mod rough_places;
 mod shared_errors;
 mod smoothing;
+mod spline_error;
 mod support;
 mod surface_misfit;
 mod unresolved_shape;

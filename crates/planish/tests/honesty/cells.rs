@@ -79,9 +79,9 @@ impl Cell {
             Condition::HalfFlippedNormals | Condition::RandomNormals => &["normal"],
             Condition::TwoLayers => &["layer", "surfaces", "rejected", "outlier", "agree"],
             // A curved object has more shape than a sheet: it may need more readings.
-            Condition::Readings(12) => &["few", "at least", "more readings"],
+            Condition::Readings(12) => &["few", "at least", "add readings"],
             Condition::Readings(20 | 50) if self.topology != Topology::Sheet => {
-                &["few", "at least", "more readings"]
+                &["few", "at least", "add readings"]
             }
             // From one side, a closed object may lack what decides its shape.
             Condition::OneSide if self.topology != Topology::Sheet => {

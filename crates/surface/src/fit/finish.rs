@@ -35,6 +35,7 @@ use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
 use super::rough_places::lacking_variances;
 use super::shared_errors::shared_variance;
+use super::spline_error::spline_variances;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
 use super::verdict::{Verdict, VerdictInput, judge_surface, refuse_far_larger_noise};
 use super::weights::weights;
@@ -187,6 +188,7 @@ pub(super) fn finish(
     if let Some(marginal) = &marginal {
         left.iter_mut().zip(marginal.excess(&seen)?).for_each(|(left, excess)| *left += excess);
     }
+    left.iter_mut().zip(spline_variances(&model.surface)).for_each(|(left, missed)| *left += missed);
     let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
     let mut misfits = local_misfit(&model.surface, readings, &noise, options.gate)?;
     for (misfit, lacking) in misfits.iter_mut().zip(lacking_variances(&seen)?) {

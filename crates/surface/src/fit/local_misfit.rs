@@ -2,17 +2,22 @@
 //!
 //! A spline cannot follow an edge, a handle or the two sides of a thin part, and a wrong shape follows
 //! nothing. The residuals there are larger than the noise of the sensors, for which they are no evidence
-//! ([`planish_sense::neighbour_noise`]). With the scale `s` of a leaf's normalised residuals,
+//! ([`planish_sense::neighbour_noise`]). The variance `m²` along the normal that explains the residuals `e` of a
+//! leaf's readings with variances `v` solves
 //!
 //! ```text
-//! m² = (s² − 1) / mean(1/v)
+//! scale(e / √(v + m²)) = 1
 //! ```
 //!
-//! is the variance along the normal that explains them. It is added to the variance of the readings of the
-//! leaf, so that they are neither rejected nor believed beyond what the surface can follow. The scale is
-//! iterated between a gate and the residuals within it: few readings far from all others are outliers.
+//! It is added to the variance of the readings of the leaf, so that they are neither rejected nor believed
+//! beyond what the surface can follow. The scale is that of the residuals within a gate: few readings far from
+//! all others are outliers.
 //!
 //! Not guaranteed: outliers that are more than half of a leaf count as shape.
+//!
+//! # References
+//! Paule and Mandel, *Consensus values and weighting factors*, 1982 (an additional variance common to readings
+//! of different variances).
 
 use super::division::MIN_READINGS;
 use super::leaves::neighbourhood;
@@ -25,6 +30,12 @@ use rayon::prelude::*;
 /// Significance of the scale of a leaf, in standard errors of its square. A lower one enlarges σ of some of
 /// thousands of leaves by chance; a higher one rejects readings that the surface should be near.
 const SIGNIFICANT: f64 = 4.0;
+
+/// Median of χ² with one degree of freedom: a normal error is smaller in half of the cases.
+const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
+/// Iterations of the common variance, and the relative change after which they end.
+const MAX_ITERATIONS: usize = 30;
+const SETTLED: f64 = 0.01;
 
 /// What a leaf's readings of positions show.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -60,7 +71,7 @@ pub(super) fn local_misfit(
     noise: &SensorNoise,
     gate: f64,
 ) -> Result<Vec<LeafMisfit>> {
-    let by_leaf = NormalisedResiduals::new(readings, noise, surface.space().leaves().len());
+    let by_leaf = ResidualsByLeaf::new(readings, noise, surface.space().leaves().len());
     (0..by_leaf.sums.len())
         .into_par_iter()
         .with_min_len(64)
@@ -68,7 +79,7 @@ pub(super) fn local_misfit(
             let own = by_leaf.of(leaf);
             let mut found = LeafMisfit {
                 readings: own.len(),
-                not_followed: own.iter().filter(|r| r.abs() > gate).count(),
+                not_followed: own.iter().filter(|r| r.normalised().abs() > gate).count(),
                 ..LeafMisfit::default()
             };
             // An edge shows in the readings of all leaves along it before it shows in those of one.
@@ -77,9 +88,11 @@ pub(super) fn local_misfit(
                 if sums.count < MIN_READINGS as usize {
                     continue;
                 }
-                let residuals = || leaves.iter().flat_map(|&k| by_leaf.of(k)).copied().collect();
-                let noise = sums.count as f64 / sums.precision;
-                let variance = noise * excess_square(sums, residuals, gate)?;
+                let noise = (sums.log_variance / sums.count as f64).exp();
+                let variance = match sums.is_significant() {
+                    true => common_variance(&by_leaf.residuals_of(&leaves), noise, gate)?,
+                    false => 0.0,
+                };
                 if found.noise_variance == 0.0 || variance > found.variance {
                     (found.noise_variance, found.variance) = (noise, variance);
                 }
@@ -89,20 +102,33 @@ pub(super) fn local_misfit(
         .collect()
 }
 
-/// Residuals of positions over the σ of their sensors, leaf by leaf.
-struct NormalisedResiduals {
-    values: Vec<f64>,
+/// A residual and the variance of its reading.
+#[derive(Clone, Copy)]
+struct Residual {
+    height: f64,
+    variance: f64,
+}
+
+impl Residual {
+    fn normalised(self) -> f64 {
+        self.height / self.variance.sqrt()
+    }
+}
+
+/// Residuals of positions with the variances of their sensors, leaf by leaf.
+struct ResidualsByLeaf {
+    values: Vec<Residual>,
     /// Of each leaf, the number of its first residual.
     start: Vec<usize>,
     sums: Vec<Sums>,
 }
 
-/// Sums over residuals: their number, their squares, and the precisions of their readings.
+/// Sums over residuals: their number, the squares of the normalised ones, and the logarithms of the variances.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: usize,
     square: f64,
-    precision: f64,
+    log_variance: f64,
 }
 
 impl std::ops::Add for Sums {
@@ -112,12 +138,20 @@ impl std::ops::Add for Sums {
         Self {
             count: self.count + other.count,
             square: self.square + other.square,
-            precision: self.precision + other.precision,
+            log_variance: self.log_variance + other.log_variance,
         }
     }
 }
 
-impl NormalisedResiduals {
+impl Sums {
+    /// True if the residuals are larger than their σ. A gate only lowers their scale, and most leaves are
+    /// without misfit.
+    fn is_significant(self) -> bool {
+        is_significant(self.square / self.count as f64, self.count)
+    }
+}
+
+impl ResidualsByLeaf {
     fn new(readings: ProjectedReadings<'_>, noise: &SensorNoise, leaves: usize) -> Self {
         let ProjectedReadings { observations, feet, .. } = readings;
         let (first, order) = by_leaf(feet, leaves);
@@ -130,10 +164,10 @@ impl NormalisedResiduals {
                 let variance = noise.variance_factors[channel] * feet[k].variance;
                 let counts = feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position;
                 if counts && variance > 0.0 && !observations.channels[channel].inferred {
-                    let residual = feet[k].height() / variance.sqrt();
+                    let residual = Residual { height: feet[k].height(), variance };
+                    let square = residual.height * residual.height / variance;
+                    sums = sums + Sums { count: 1, square, log_variance: variance.ln() };
                     found.values.push(residual);
-                    let one = Sums { count: 1, square: residual * residual, precision: 1.0 / variance };
-                    sums = sums + one;
                 }
             }
             found.start.push(found.values.len());
@@ -142,8 +176,12 @@ impl NormalisedResiduals {
         found
     }
 
-    fn of(&self, leaf: usize) -> &[f64] {
+    fn of(&self, leaf: usize) -> &[Residual] {
         &self.values[self.start[leaf]..self.start[leaf + 1]]
+    }
+
+    fn residuals_of(&self, leaves: &[usize]) -> Vec<Residual> {
+        leaves.iter().flat_map(|&leaf| self.of(leaf)).copied().collect()
     }
 }
 
@@ -157,14 +195,37 @@ pub(super) fn local_variances(
     Ok(local_misfit(surface, readings, noise, gate)?.into_iter().map(|found| found.variance).collect())
 }
 
-/// `s² − 1` of normalised residuals with the given sums, if it is significant, else 0.
-fn excess_square(sums: Sums, residuals: impl Fn() -> Vec<f64>, gate: f64) -> Result<f64> {
-    let significant = |square: f64, count: f64| square > 1.0 + SIGNIFICANT * (2.0 / count).sqrt();
-    // The gate only lowers the scale, and most leaves are without misfit.
-    if !significant(sums.square / sums.count as f64, sums.count as f64) {
-        return Ok(0.0);
+/// True if a mean square of normalised residuals exceeds 1 by more than chance explains.
+fn is_significant(square: f64, count: usize) -> bool {
+    square > 1.0 + SIGNIFICANT * (2.0 / count.max(1) as f64).sqrt()
+}
+
+/// The variance `m²` beyond those of the readings that explains their residuals; 0 if it is not significant.
+/// `noise` is a typical variance of the readings.
+///
+/// From one iteration to the next, `v + m²` is multiplied by the square of the scale. The start explains half of
+/// the residuals, so that no gate excludes most of them.
+fn common_variance(residuals: &[Residual], noise: f64, gate: f64) -> Result<f64> {
+    let mut needed: Vec<f64> =
+        residuals.iter().map(|r| r.height * r.height / CHI_SQUARE_MEDIAN - r.variance).collect();
+    let middle = needed.len() / 2;
+    let mut variance = needed.select_nth_unstable_by(middle, f64::total_cmp).1.max(0.0);
+    for _ in 0..MAX_ITERATIONS {
+        let normalised: Vec<f64> =
+            residuals.iter().map(|r| r.height / (r.variance + variance).sqrt()).collect();
+        let scale = gated_scale(&normalised, gate)?;
+        let square = scale.sigma * scale.sigma;
+        if variance == 0.0 && !is_significant(square, scale.kept) {
+            return Ok(0.0);
+        }
+        let next = ((variance + noise) * square - noise).max(0.0);
+        let is_settled = (next - variance).abs() <= SETTLED * (variance + noise);
+        variance = next;
+        if is_settled {
+            break;
+        }
     }
-    let scale = gated_scale(&residuals(), gate)?;
-    let square = scale.sigma * scale.sigma;
-    Ok(if significant(square, scale.kept.max(1) as f64) { square - 1.0 } else { 0.0 })
+    // As large as a deviation of the scale by chance, it is none.
+    let standard_error = (2.0 / residuals.len() as f64).sqrt();
+    Ok(if variance > SIGNIFICANT * standard_error * noise { variance } else { 0.0 })
 }

@@ -5,7 +5,7 @@
 
 use super::shared_errors::MAX_OVERSTATEMENT;
 use crate::observe::{Channel, Foot, FootState, ProjectedReadings, Quantity};
-use planish_estimate::{Result, TruncatedNormal, gated_scale};
+use planish_estimate::{Result, TruncatedNormal, gated_scale, gated_scale_over_background};
 
 /// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
 ///
@@ -15,6 +15,8 @@ pub(super) const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
 /// Redundant readings needed to contradict a stated σ. The standard error of an estimate from 20 is 16 %.
 pub(super) const MIN_FOR_CONTRADICTION: f64 = 20.0;
+/// Ratio of the quartiles of the stated variances from which a misfit is no evidence against all of them.
+const UNEVEN_VARIANCES: f64 = 100.0;
 /// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
 /// readings and their residuals carry no information about σ. See decision 0009.
 pub(super) const MIN_REDUNDANCY: f64 = 0.2;
@@ -167,14 +169,16 @@ impl SensorNoise {
                 // These have other units than lengths.
                 Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
-            // Residuals in stated σ, so that readings of one sensor may have different σ.
-            let normalised: Vec<f64> = subset
-                .iter()
-                .zip(feet)
+            let own: Vec<&Foot> = (subset.iter().zip(feet))
                 .filter(|(i, foot)| {
                     foot.state == FootState::Good && observations.channel(**i as usize) == channel
                 })
-                .flat_map(|(_, foot)| foot.residuals().iter().map(|r| r / foot.variance.sqrt()))
+                .map(|(_, foot)| foot)
+                .collect();
+            // Residuals in stated σ, so that readings of one sensor may have different σ.
+            let least = least_judged_variance(&own);
+            let normalised: Vec<f64> = (own.iter().filter(|foot| foot.variance >= least))
+                .flat_map(|foot| foot.residuals().iter().map(|r| r / foot.variance.sqrt()))
                 .collect();
             noise.count[channel] = normalised.len();
             if normalised.len() < MIN_FOR_SCALE {
@@ -195,10 +199,12 @@ impl SensorNoise {
                 }
                 continue;
             }
-            let scale = gated_scale(&normalised, gate)?;
+            let scale = gated_scale_over_background(&normalised, gate)?;
             // Residuals are smaller than the errors of the readings, by the degrees of freedom that these
             // determine.
-            let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
+            // Where only less certain readings are judged, the others have determined the surface.
+            let used = if least > 0.0 { 0.0 } else { degrees[channel] };
+            let redundancy = 1.0 - used / scale.kept.max(1) as f64;
             // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
             let factor = (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(min_variance);
             let residuals = ResidualScale { factor, redundancy, kept: scale.kept };
@@ -271,6 +277,23 @@ impl SensorNoise {
         self.variance_factors[channel] = if off { factor } else { 1.0 };
         self.is_contradicted[channel] = off;
     }
+}
+
+/// The variance from which readings show whether their σ is misstated; 0 if all do.
+///
+/// A surface misses shape by the same distance at readings of any σ. Of readings whose σ spans decades, the most
+/// certain half shows nothing else; a wrong factor of σ shows in the other half as well.
+fn least_judged_variance(feet: &[&Foot]) -> f64 {
+    let mut variances: Vec<f64> = feet.iter().map(|foot| foot.variance).collect();
+    if variances.len() < MIN_FOR_CONTRADICTION as usize {
+        return 0.0;
+    }
+    let mut quantile = |quarters: usize| {
+        let at = quarters * (variances.len() - 1) / 4;
+        *variances.select_nth_unstable_by(at, f64::total_cmp).1
+    };
+    let [low, middle, high] = [1, 2, 3].map(&mut quantile);
+    if high > UNEVEN_VARIANCES * low { middle } else { 0.0 }
 }
 
 /// The scale of a channel's residuals.

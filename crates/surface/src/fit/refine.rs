@@ -40,6 +40,8 @@ const EARLY_ROUND_STEP: f64 = 30.0;
 /// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 30;
+/// Iterations of the last round in which the misfit of leaves is estimated anew.
+const LOCAL_ITERATIONS: usize = 4;
 /// The surface has converged when the mean square step that readings see is this share of its variance.
 /// Smaller values cost iterations for changes well within σ. See decision 0004.
 const CONVERGED_STEP: f64 = 0.1;
@@ -156,6 +158,8 @@ struct Round {
     number: usize,
     /// True for the last round, which uses all readings.
     is_last: bool,
+    /// Iterations of this round that are done.
+    iteration: usize,
 }
 
 /// The equations of a round, over one hierarchy.
@@ -198,7 +202,7 @@ pub(super) fn refine_to_noise(
         projected: 0,
     };
     for number in 0.. {
-        let round = Round { number, is_last };
+        let round = Round { number, is_last, iteration: 0 };
         // One pattern and one elimination order serve all steps of a round.
         let system = SurfaceSystem::new(state.surface.space())?;
         let sample = state.sample(round);
@@ -298,7 +302,7 @@ impl Refinement<'_> {
             progress.check(if round.is_last { "settling" } else { "refining" }, share)?;
             progress.items(self.projected, "readings");
             self.projected += sample.len();
-            let rest = self.step(&mut equations, sample, round, progress)?;
+            let rest = self.step(&mut equations, sample, Round { iteration, ..round }, progress)?;
             let is_found =
                 !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < EARLY_ROUND_STEP;
             if rest.has_converged || is_found {
@@ -323,10 +327,15 @@ impl Refinement<'_> {
         let channels = FootChannels::new(self.observations, sample);
         // The noise needs degrees of freedom, and these need a solution. A rough guess starts the cycle.
         let degrees = self.degrees.get_or_insert_with(|| first_degrees(&self.surface, &channels));
+        let local_variance = std::mem::take(&mut self.noise.local_variance);
         self.noise = SensorNoise::estimate(readings, self.options.noise_rules(), degrees, round.is_last)?;
-        if round.is_last {
-            self.noise.local_variance = local_variances(&self.surface, readings, &self.noise, gate)?;
-        }
+        // Held after some iterations: leaves at the limit of significance would change the weights in turn.
+        self.noise.local_variance = match round.iteration {
+            0..LOCAL_ITERATIONS if round.is_last => {
+                local_variances(&self.surface, readings, &self.noise, gate)?
+            }
+            _ => local_variance,
+        };
         let information = weights(readings, &self.noise, gate, !round.is_last);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(

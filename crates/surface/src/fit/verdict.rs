@@ -40,6 +40,8 @@ const MAX_PLACES: usize = 20;
 const TOPOLOGY_SAMPLE: usize = 30_000;
 /// More handles than this are those of a wall that is as thin as a cell of the indicator.
 const MAX_COUNTED_HANDLES: usize = 20;
+/// Share of readings on no surface that a refusal names.
+const MANY_OFF_SURFACE: f64 = 0.1;
 /// Fewer readings show no solid: between them the indicator has holes.
 const MIN_FOR_TOPOLOGY: usize = 1000;
 
@@ -126,7 +128,14 @@ pub(super) fn judge_surface(
             )
         },
     );
-    let text = format!("{place}: {}", reason(shape, other, input.several_scans));
+    let mut text = format!("{place}: {}", reason(shape, other, input.several_scans));
+    let off = off_surface_share(readings.observations);
+    if off > MANY_OFF_SURFACE {
+        text += &format!(
+            "; {} of the readings agree on no surface with their neighbours, as gross errors and second layers do",
+            percent(off)
+        );
+    }
     if refused && !input.force {
         let text = format!("{text}; a result can be forced, but is wrong there");
         return Err(Error::undetermined(text).with_setting(Setting::Force));
@@ -205,6 +214,12 @@ fn layers(readings: ProjectedReadings<'_>, several_scans: bool) -> Option<String
 fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Share of the readings that lie on no surface with their neighbours.
+fn off_surface_share(observations: &Observations) -> f64 {
+    let marks = &observations.readings.on_surface;
+    marks.iter().filter(|on| !**on).count() as f64 / marks.len().max(1) as f64
 }
 
 /// Share of the area whose leaves have their middle far from a solid.

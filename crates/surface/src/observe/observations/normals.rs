@@ -139,7 +139,8 @@ impl Observations {
             else {
                 continue;
             };
-            let known = |i: usize| self.readings.normals[i] != Vec3::ZERO;
+            // Differences from gross errors are no noise.
+            let known = |i: usize| self.readings.normals[i] != Vec3::ZERO && self.readings.on_surface[i];
             let own: Vec<usize> =
                 (0..self.len()).filter(|&i| self.readings.scan[i] as usize == largest && known(i)).collect();
             let points: Vec<DVec3> = own.iter().map(|&i| self.readings.points[i]).collect();
