@@ -1,8 +1,8 @@
 //! A depth buffer: the visible triangle in each pixel of an image.
 //!
 //! In: projected corners and triangles. Out: for each pixel, the nearest triangle, the point on it, and its
-//! depth. Cost: one step for each pixel that a triangle covers, and one for each of its rows; threads share the
-//! image in bands of rows. Copies of a triangle are drawn once.
+//! depth. Cost: one step for each pixel that a triangle covers, and one for each of its rows; threads share
+//! the image in bands of rows. Copies of a triangle are drawn once.
 //!
 //! Not guaranteed: triangles that reach behind the camera are not drawn at all.
 

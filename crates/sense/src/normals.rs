@@ -370,9 +370,9 @@ pub(crate) fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
     (best.normalize_or_zero(), smallest / trace)
 }
 
-/// Flips normals so that neighbours agree. It starts from the fixed ones. A part of the cloud that they do not
-/// reach is turned so that the sum of `n · (p − c)` over its points `p` with centre `c` is positive: for a closed
-/// surface it is three times the volume over the area of a point, whatever the shape.
+/// Flips normals so that neighbours agree. It starts from the fixed ones. A part of the cloud that they do
+/// not reach is turned so that the sum of `n · (p − c)` over its points `p` with centre `c` is positive:
+/// for a closed surface it is three times the volume over the area of a point, whatever the shape.
 ///
 /// The method is greedy growth over the neighbour graph, most parallel pairs first.
 ///
@@ -460,8 +460,8 @@ impl NormalGrowth<'_> {
         reached
     }
 
-    /// Whether the most parallel neighbour that is done faces the other side; none if no neighbour is done. It
-    /// may have been done without passing its side on, because it has nearer neighbours.
+    /// Whether the most parallel neighbour that is done faces the other side; none if no neighbour is done.
+    /// It may have been done without passing its side on, because it has nearer neighbours.
     fn turned_by_neighbour(&self, normals: &[DVec3], i: usize) -> Option<bool> {
         let best = (self.neighbours(i).filter(|&j| self.done[j]))
             .max_by_key(|&j| (agreement(normals[i], normals[j]), std::cmp::Reverse(j)))?;
@@ -498,6 +498,26 @@ mod tests {
         for (p, n) in points.iter().zip(&normals) {
             assert!(p.dot(*n) > 0.99, "{p:?} {n:?}");
         }
+    }
+
+    /// The reading farthest from the centre is a gross error whose normal says nothing of the outside.
+    #[test]
+    fn one_gross_error_does_not_turn_a_tube_inside_out() {
+        let mut points: Vec<DVec3> = (0..3000)
+            .map(|k| {
+                let angle = std::f64::consts::TAU * (f64::from(k) * 0.618_034).fract();
+                DVec3::new(angle.cos(), angle.sin(), 4.0 * (f64::from(k) * 0.754_878).fract() - 2.0)
+            })
+            .collect();
+        points.push(DVec3::new(0.9, 0.0, 3.0));
+        let mut normals: Vec<DVec3> =
+            points.iter().map(|p| DVec3::new(p[0], p[1], 0.0).normalize()).collect();
+        for (k, normal) in normals.iter_mut().enumerate().filter(|(k, _)| k % 3 == 0) {
+            *normal = if k < 3000 { -*normal } else { DVec3::new(0.1, 0.0, -1.0).normalize() };
+        }
+        orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
+        let inwards = points.iter().zip(&normals).take(3000).filter(|(p, n)| p.dot(**n) < 0.0).count();
+        assert_eq!(inwards, 0);
     }
 
     #[test]

@@ -156,3 +156,25 @@ fn student_t_scale_and_degrees_are_recovered() {
     assert!(fit.degrees > 30.0 && (fit.sigma - 1.0).abs() < 0.04, "{fit:?}");
     assert_eq!(StudentTScale::fit(&[0.0, 0.0, 1.0], None).unwrap_err().kind(), ErrorKind::Undetermined);
 }
+
+#[test]
+fn an_even_background_is_subtracted_from_the_scale() {
+    use rand::{RngExt, SeedableRng};
+    for (seed, share) in (0..12).zip([0.0, 0.05, 0.15, 0.3].into_iter().cycle()) {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut gaussian = Gaussian::seeded(seed);
+        let residuals: Vec<f64> = (0..3000)
+            .map(|k| match f64::from(k) < 3000.0 * share {
+                true => random.random_range(-20.0..20.0),
+                false => gaussian.number(),
+            })
+            .collect();
+        let plain = gated_scale(&residuals, 4.0).unwrap().sigma;
+        let found = gated_scale_over_background(&residuals, 4.0).unwrap().sigma;
+        assert!((found - 1.0).abs() < 0.06, "{share}: {found}");
+        assert!(share < 0.3 || plain > 1.3, "{share}: {plain}");
+    }
+    let even: Vec<f64> = (0..1000).map(|k| 0.01 * f64::from(k) - 5.0).collect();
+    let (plain, found) = (gated_scale(&even, 4.0).unwrap(), gated_scale_over_background(&even, 4.0).unwrap());
+    assert!(found.sigma <= plain.sigma && found.sigma > 0.5 * plain.sigma, "{found:?} {plain:?}");
+}

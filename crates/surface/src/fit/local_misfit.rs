@@ -2,22 +2,22 @@
 //!
 //! A spline cannot follow an edge, a handle or the two sides of a thin part, and a wrong shape follows
 //! nothing. The residuals there are larger than the noise of the sensors, for which they are no evidence
-//! ([`planish_sense::neighbour_noise`]). The variance `m²` along the normal that explains the residuals `e` of a
-//! leaf's readings with variances `v` solves
+//! ([`planish_sense::neighbour_noise`]). The variance `m²` along the normal that explains the residuals `e`
+//! of a leaf's readings with variances `v` solves
 //!
 //! ```text
 //! scale(e / √(v + m²)) = 1
 //! ```
 //!
 //! It is added to the variance of the readings of the leaf, so that they are neither rejected nor believed
-//! beyond what the surface can follow. The scale is that of the residuals within a gate: few readings far from
-//! all others are outliers.
+//! beyond what the surface can follow. The scale is that of the residuals within a gate: few readings far
+//! from all others are outliers.
 //!
 //! Not guaranteed: outliers that are more than half of a leaf count as shape.
 //!
 //! # References
-//! Paule and Mandel, *Consensus values and weighting factors*, 1982 (an additional variance common to readings
-//! of different variances).
+//! Paule and Mandel, *Consensus values and weighting factors*, 1982 (an additional variance common to
+//! readings of different variances).
 
 use super::division::MIN_READINGS;
 use super::leaves::neighbourhood;
@@ -123,7 +123,8 @@ struct ResidualsByLeaf {
     sums: Vec<Sums>,
 }
 
-/// Sums over residuals: their number, the squares of the normalised ones, and the logarithms of the variances.
+/// Sums over residuals: their number, the squares of the normalised ones, and the logarithms of the
+/// variances.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     count: usize,
@@ -203,8 +204,8 @@ fn is_significant(square: f64, count: usize) -> bool {
 /// The variance `m²` beyond those of the readings that explains their residuals; 0 if it is not significant.
 /// `noise` is a typical variance of the readings.
 ///
-/// From one iteration to the next, `v + m²` is multiplied by the square of the scale. The start explains half of
-/// the residuals, so that no gate excludes most of them.
+/// From one iteration to the next, `v + m²` is multiplied by the square of the scale. The start explains
+/// half of the residuals, so that no gate excludes most of them.
 fn common_variance(residuals: &[Residual], noise: f64, gate: f64) -> Result<f64> {
     let mut needed: Vec<f64> =
         residuals.iter().map(|r| r.height * r.height / CHI_SQUARE_MEDIAN - r.variance).collect();
@@ -228,4 +229,34 @@ fn common_variance(residuals: &[Residual], noise: f64, gate: f64) -> Result<f64>
     // As large as a deviation of the scale by chance, it is none.
     let standard_error = (2.0 / residuals.len() as f64).sqrt();
     Ok(if variance > SIGNIFICANT * standard_error * noise { variance } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Readings whose σ span six decades, all off by the same shape.
+    #[test]
+    fn a_common_variance_is_found_among_readings_of_any_sigma() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        for (true_variance, outliers) in [(1.0, 0), (1.0, 20), (0.0, 0)] {
+            let residuals: Vec<Residual> = (0..400)
+                .map(|k| {
+                    let variance = 10_f64.powf(rng.random_range(-6.0..2.0));
+                    let error: f64 = StandardNormal.sample(&mut rng);
+                    let height = if k < outliers { 300.0 } else { (variance + true_variance).sqrt() * error };
+                    Residual { height, variance }
+                })
+                .collect();
+            let noise = (residuals.iter().map(|r| r.variance.ln()).sum::<f64>() / 400.0).exp();
+            let found = common_variance(&residuals, noise, 4.0).unwrap();
+            assert!(
+                (found - true_variance).abs() < 0.25 * true_variance.max(4e-3),
+                "{found}, {true_variance}"
+            );
+        }
+    }
 }

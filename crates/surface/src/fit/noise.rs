@@ -281,8 +281,8 @@ impl SensorNoise {
 
 /// The variance from which readings show whether their σ is misstated; 0 if all do.
 ///
-/// A surface misses shape by the same distance at readings of any σ. Of readings whose σ spans decades, the most
-/// certain half shows nothing else; a wrong factor of σ shows in the other half as well.
+/// A surface misses shape by the same distance at readings of any σ. Of readings whose σ spans decades, the
+/// most certain half shows nothing else; a wrong factor of σ shows in the other half as well.
 fn least_judged_variance(feet: &[&Foot]) -> f64 {
     let mut variances: Vec<f64> = feet.iter().map(|foot| foot.variance).collect();
     if variances.len() < MIN_FOR_CONTRADICTION as usize {

@@ -1,16 +1,16 @@
 //! What a spline of given cells misses of the smooth shape that it follows.
 //!
-//! Residuals do not show it: with hundreds of readings in a cell it can be as large as σ of the surface, and far
-//! below the noise of a reading. It follows from the surface itself. The best cubic spline on cells of side `h`
-//! misses a function `f` by the root mean square
+//! Residuals do not show it: with hundreds of readings in a cell it can be as large as σ of the surface,
+//! and far below the noise of a reading. It follows from the surface itself. The best cubic spline on cells
+//! of side `h` misses a function `f` by the root mean square
 //!
 //! ```text
 //! e = √(|B₈| / 8!) h⁴ |f⁗| = 9.09·10⁻⁴ h⁴ |f⁗|
 //! ```
 //!
-//! with the Bernoulli number `B₈ = −1/30`, and the third derivative of the spline, which is constant along a cell,
-//! changes by `h f⁗` from one cell to the next. Noise of the control vertices, with a standard deviation of `s`,
-//! adds `√70 · 9.09·10⁻⁴ s`, less than a hundredth of σ, so that it needs no test.
+//! with the Bernoulli number `B₈ = −1/30`, and the third derivative of the spline, which is constant along
+//! a cell, changes by `h f⁗` from one cell to the next. Noise of the control vertices, with a standard
+//! deviation of `s`, adds `√70 · 9.09·10⁻⁴ s`, less than a hundredth of σ, so that it needs no test.
 //!
 //! Not guaranteed: shape finer than the cells, which the spline does not follow at all
 //! ([`super::unresolved_shape`]).

@@ -338,6 +338,15 @@ mod tests {
     }
 
     #[test]
+    fn a_lone_reading_supports_no_surface_around_it() {
+        let mut points = scattered(6, 10_000, 0.0);
+        points.extend([[75.0, 3.0], [-20.0, 90.0]]);
+        let by = on_plane(points);
+        assert!(!is_supported(&by, 74.0, 3.0) && !is_supported(&by, -20.0, 80.0));
+        assert!(is_supported(&by, 49.0, 49.0), "at a corner of the data");
+    }
+
+    #[test]
     fn the_other_side_of_a_thin_plate_is_not_supported() {
         let by = on_plane(scattered(5, 10_000, 0.0));
         assert!(by.support(DVec3::new(0.0, 0.0, 0.2), DVec3::Z));

@@ -132,7 +132,8 @@ pub(super) fn judge_surface(
     let off = off_surface_share(readings.observations);
     if off > MANY_OFF_SURFACE {
         text += &format!(
-            "; {} of the readings agree on no surface with their neighbours, as gross errors and second layers do",
+            "; {} of the readings agree on no surface with their neighbours, as gross errors and second \
+             layers do",
             percent(off)
         );
     }
