@@ -142,6 +142,7 @@ struct Refinement<'a> {
     noise: SensorNoise,
     /// Weight of the thin plate, once there is one.
     weight: Option<f64>,
+    weight_search: WeightSearch,
     /// Area of the first surface.
     area: Option<f64>,
     /// Degrees of freedom that the readings of each channel determine.
@@ -196,6 +197,7 @@ pub(super) fn refine_to_noise(
         searching,
         surface,
         weight: None,
+        weight_search: WeightSearch::default(),
         area: None,
         degrees: None,
         outside: Vec::new(),
@@ -321,6 +323,9 @@ impl Refinement<'_> {
         progress: &dyn Progress,
     ) -> Result<StepOutcome> {
         let RoundEquations { system, energy, factor } = equations;
+        if round.iteration == 0 {
+            self.weight_search = WeightSearch::default();
+        }
         let gate = self.options.gate;
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
@@ -369,7 +374,7 @@ impl Refinement<'_> {
         // only (decision 0003).
         let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
         let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
-        let next = next.clamp(0.2 * weight, MAX_WEIGHT_CHANGE * weight).min(stiffest);
+        let next = self.weight_search.next(weight, next.min(stiffest));
         self.weight = Some(next);
         self.degrees = Some(step.degrees);
         Ok(StepOutcome {
@@ -466,6 +471,35 @@ fn searching_readings(observations: &Observations, subset: &[u32]) -> Vec<u32> {
     let on: Vec<u32> =
         subset.iter().copied().filter(|&i| observations.readings.on_surface[i as usize]).collect();
     if on.is_empty() { subset.to_vec() } else { on }
+}
+
+/// The steps of the smoothness weight, in its logarithm.
+///
+/// The fixed-point iteration of Fellner and Schall overshoots where the energy depends steeply on the weight:
+/// it then alternates around the solution. Each time it turns back, its steps become shorter.
+struct WeightSearch {
+    last_step: f64,
+    share: f64,
+}
+
+impl Default for WeightSearch {
+    fn default() -> Self {
+        Self { last_step: 0.0, share: 1.0 }
+    }
+}
+
+impl WeightSearch {
+    const MIN_SHARE: f64 = 0.25;
+
+    /// The next weight, from the present one and that of the fixed-point iteration.
+    fn next(&mut self, weight: f64, proposed: f64) -> f64 {
+        let step = (proposed / weight).clamp(1.0 / MAX_WEIGHT_CHANGE, MAX_WEIGHT_CHANGE).ln();
+        if step * self.last_step < 0.0 {
+            self.share = (0.5 * self.share).max(Self::MIN_SHARE);
+        }
+        self.last_step = step;
+        weight * (self.share * step).exp()
+    }
 }
 
 /// How far one iteration moved the surface.
