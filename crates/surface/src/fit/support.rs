@@ -41,6 +41,8 @@ const CLOSE: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(8);
 const CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(31);
 /// Readings whose spacing is computed; the others have that of the nearest of these. Spacing varies slowly.
 const MAX_SAMPLE: usize = 20_000;
+/// Neighbours that must be enclosed themselves to show the radius that encloses a reading.
+const MIN_ENCLOSED: usize = 6;
 /// Radius within which evenly spread neighbours lie on all sides, in spacings (median of Poisson points).
 const ENCLOSING_RADIUS: f64 = 1.25;
 /// Smallest cosine between the normals of a place and a reading on the same side of a thin part.
@@ -71,7 +73,7 @@ impl Supporters {
         let tree = search_tree(&points)?;
         let sample: Vec<usize> = (0..points.len()).step_by(points.len().div_ceil(MAX_SAMPLE)).collect();
         let places: Vec<DVec3> = sample.iter().map(|&k| points[k]).collect();
-        let of_sample: Vec<[f64; 2]> = (sample.par_iter().with_min_len(64))
+        let of_sample: Vec<OwnSpacings> = (sample.par_iter().with_min_len(64))
             .map(|&k| own_spacings(&tree, &points, points[k], normals[k]))
             .collect();
         let nearest = search_tree(&places)?;
@@ -80,10 +82,15 @@ impl Supporters {
         let smoothed: Vec<f64> = (places.par_iter().with_min_len(64).zip(&of_sample))
             .map(|(p, own)| {
                 let near = nearest.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
-                let mut enclosing: Vec<f64> = near.iter().map(|n| of_sample[n.item as usize][1]).collect();
+                let own_of = |k: u32| of_sample[k as usize];
+                let mut enclosing: Vec<f64> = near.iter().filter_map(|n| own_of(n.item).enclosing).collect();
+                // At the rim, few are enclosed; between scan lines far apart, none is.
+                if enclosing.len() < MIN_ENCLOSED {
+                    enclosing = near.iter().map(|n| own_of(n.item).farthest).collect();
+                }
                 let middle = enclosing.len() / 2;
                 let median = *enclosing.select_nth_unstable_by(middle, f64::total_cmp).1;
-                own[0].max(median / ENCLOSING_RADIUS)
+                own.spacing.max(median / ENCLOSING_RADIUS)
             })
             .collect();
         // A gross error near the continuation of a surface is alone, while neighbours of a reading of the
@@ -165,8 +172,17 @@ fn widest_gap(directions: &mut [f64]) -> f64 {
     directions.windows(2).map(|pair| pair[1] - pair[0]).fold(across, f64::max)
 }
 
-/// Spacing by the distance to a neighbour, and radius within which neighbours lie on all sides.
-fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, normal: DVec3) -> [f64; 2] {
+/// Distances from a reading to its neighbours.
+#[derive(Clone, Copy, Default)]
+struct OwnSpacings {
+    /// Spacing by the distance to a neighbour.
+    spacing: f64,
+    /// Radius within which neighbours lie on all sides; none if those that are searched do not.
+    enclosing: Option<f64>,
+    farthest: f64,
+}
+
+fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, normal: DVec3) -> OwnSpacings {
     let (e1, e2) = tangents(normal);
     let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
     // Readings at one place (several sensors, repeated touches) are no neighbours of each other.
@@ -174,15 +190,14 @@ fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, norm
         .filter(|n| n.distance > 0.0)
         .map(|n| (n.distance.sqrt(), points[n.item as usize] - p))
         .collect();
-    let Some(&(farthest, _)) = others.last() else { return [0.0; 2] };
+    let Some(&(farthest, _)) = others.last() else { return OwnSpacings::default() };
     let count = others.len().min(SPACING_NEIGHBOUR);
-    let spacing = others[count - 1].0 * (PI / count as f64).sqrt();
     let mut directions = Vec::with_capacity(others.len());
     let enclosing = others.iter().find_map(|(distance, to)| {
         directions.push(to.dot(e2).atan2(to.dot(e1)));
         (widest_gap(&mut directions) < PI).then_some(*distance)
     });
-    [spacing, enclosing.unwrap_or(farthest)]
+    OwnSpacings { spacing: others[count - 1].0 * (PI / count as f64).sqrt(), enclosing, farthest }
 }
 
 /// Where the readings of a leaf lie: a bit for each of 8 × 8 bins of its parameter square.
@@ -224,7 +239,12 @@ pub(super) fn supported_cells(
         .map(|leaf| {
             let jet = surface.leaf_jet(leaf, 0.5, 0.5);
             let side = surface.space().leaves()[leaf].side();
-            let length = side * jet.du.length().max(jet.dv.length());
+            // At a steep rim, a leaf is stretched towards one side.
+            let stretch = [[0.0, 0.0], [1.0, 0.0], [0.5, 0.5], [0.0, 1.0], [1.0, 1.0]].map(|[s, t]| {
+                let jet = surface.leaf_jet(leaf, s, t);
+                jet.du.length().max(jet.dv.length())
+            });
+            let length = side * stretch.into_iter().fold(0.0, f64::max);
             let (distance, spacing) = measured.nearest(jet.point);
             let divisions = |size: f64| (length / size.max(f64::MIN_POSITIVE)).log2();
             let bins = (divisions(BIN * spacing).floor().max(1.0) as u8).min(OCCUPANCY_DEPTH);
