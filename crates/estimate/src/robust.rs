@@ -474,29 +474,37 @@ pub fn gated_scale_from(residuals: &[f64], gate: f64, first: f64) -> Result<Gate
     unreachable!("the last round returns")
 }
 
+/// Fewer residuals show no density of a background.
+const MIN_FOR_BACKGROUND: usize = 100;
+
 /// [`gated_scale`] of residuals of which some are spread evenly, as gross errors in a volume are.
 ///
 /// The residuals between the gate and twice the gate show how many of those within it belong to the even
 /// background. Their number and their squares are subtracted: with 30 % of such errors within twenty σ the
-/// plain scale is half as large again as it should be. Where the background would be most of the residuals
-/// within the gate, the plain scale is returned.
+/// plain scale is half as large again as it should be. The plain scale is returned where the background would
+/// be most of the residuals within the gate, and for fewer than 100 residuals.
 ///
 /// # Errors
 /// As [`gated_scale`].
 ///
 /// # Examples
 /// ```
-/// use planish_estimate::gated_scale_over_background;
-/// // The quantiles of a standard normal distribution, and as many residuals evenly between −20 and 20.
-/// let normal = [0.126, 0.385, 0.674, 1.036, 1.645].map(|q| [q, -q]).concat();
-/// let even = (0..10).map(|k| 4.0 * f64::from(k) - 18.0);
+/// use planish_estimate::{gated_scale, gated_scale_over_background};
+/// // The quantiles of a standard normal distribution ten times, and as many residuals between −20 and 20.
+/// let normal = [0.126, 0.385, 0.674, 1.036, 1.645].map(|q| [q, -q]).concat().repeat(10);
+/// let even = (0..100).map(|k| 0.4 * f64::from(k) - 19.8);
 /// let residuals: Vec<f64> = normal.into_iter().chain(even).collect();
 /// let scale = gated_scale_over_background(&residuals, 4.0)?;
-/// assert!((scale.sigma - 0.9).abs() < 0.2);
+/// assert!((scale.sigma - 1.0).abs() < 0.25);
+/// assert!(gated_scale(&residuals, 4.0)?.sigma > 1.5);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn gated_scale_over_background(residuals: &[f64], gate: f64) -> Result<GatedScale> {
     let plain = gated_scale(residuals, gate)?;
+    // A few residuals between gate and twice the gate are no density.
+    if residuals.len() < MIN_FOR_BACKGROUND {
+        return Ok(plain);
+    }
     let truncated = TruncatedNormal::new(gate)?;
     // From below, so that a gate full of background is no fixed point.
     let mut sigma = median_magnitude_scale(residuals)?.min(plain.sigma);
@@ -512,13 +520,13 @@ pub fn gated_scale_over_background(residuals: &[f64], gate: f64) -> Result<Gated
                 background += 1;
             }
         }
-        if 4 * background > 3 * kept {
-            return Ok(plain);
-        }
         // An even density has the mean square bound²/3 within the bound.
         let square = sum - background as f64 * bound * bound / 3.0;
+        if 4 * background > 3 * kept || square <= 0.0 {
+            return Ok(plain);
+        }
         let count = (kept - background).max(1) as f64;
-        let next = truncated.corrected_sigma((square.max(0.0) / count).sqrt());
+        let next = truncated.corrected_sigma((square / count).sqrt());
         let converged = (next - sigma).abs() <= 1e-3 * sigma;
         sigma = next;
         if converged || iterations == limit {
