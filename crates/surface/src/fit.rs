@@ -138,16 +138,15 @@ impl Fit {
 /// use planish_sense::{Noise, Scan, Sensor};
 /// use planish_surface::fit::{FitOptions, fit};
 ///
-/// // A scan of a wavy sheet, with errors of ±0.02 mm.
+/// // A scan of a wavy sheet, with errors of up to 0.02 mm.
 /// let mut random = SplitMix64::new(1);
 /// let mut draw = || unit_interval(random.next_u64());
 /// let points = (0..2000).map(|_| {
 ///     let (x, y) = (8.0 * draw(), 6.0 * draw());
-///     let error = if draw() < 0.5 { 0.02 } else { -0.02 };
-///     DVec3::new(x, y, 0.3 * x.sin() + error)
+///     DVec3::new(x, y, 0.3 * x.sin() + 0.04 * (draw() - 0.5))
 /// });
 /// let scan = Scan { name: "sheet".to_owned(), points: points.collect(), ..Scan::default() };
-/// let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() };
+/// let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: 0.0115 }), ..Sensor::default() };
 /// let set = ScanSet {
 ///     unit: Some(Unit::Millimetre),
 ///     sensors: vec![sensor],
@@ -156,7 +155,7 @@ impl Fit {
 /// };
 /// let fitted = fit(&set, &FitOptions::default(), &Silent)?;
 /// assert_eq!(fitted.report.shape, "sheet");
-/// assert!(fitted.report.rms < 0.021 && fitted.report.sigma.median < 0.01);
+/// assert!(fitted.report.rms < 0.012 && fitted.report.sigma.median < 0.01);
 /// # Ok::<(), planish_core::Error>(())
 /// ```
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
