@@ -117,7 +117,7 @@ struct Differences {
 ///     })
 ///     .collect();
 /// let found = neighbour_noise(&points, |_, _| 0.005_f64.powi(2)).unwrap();
-/// assert!((found.upper - 2.0).abs() < 0.3);
+/// assert!((found.upper - 2.0).abs() < 0.2);
 /// ```
 ///
 /// # References
