@@ -227,11 +227,20 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
     )
 }
 
+/// Sections along the axis of a cloud, and the smallest number of points in one.
+const SECTIONS: usize = 50;
+const MIN_SECTION: usize = 8;
+/// A section at a tip has a radius below this share of the typical one, and normals that are turned towards the
+/// tip by this cosine in the mean. Ellipsoids up to 6 : 1 have less than 0.5 and more than 0.4; a cone that is
+/// open at half its radius has 0.67.
+const TIP_RADIUS: f64 = 0.6;
+const TIP_TURN: f64 = 0.3;
+
 /// Chooses and fits a base shape to points with optional outward unit normals.
 ///
 /// If all normals face one side, the cloud is a sheet. If they are nearly perpendicular to an axis and
-/// surround it, it is a tube. Otherwise it is a ball. `wanted` overrides the choice. The shape encloses all
-/// points.
+/// surround it, and neither end narrows to a tip, it is a tube. Otherwise it is a ball. `wanted` overrides the
+/// choice. The shape encloses all points.
 ///
 /// # Errors
 /// `Undetermined` for fewer than 4 points, coincident or collinear points, and coplanar points if `wanted` is
@@ -263,8 +272,9 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
     if variances[1] <= 1e-12 * variances[0] {
         return Err(Error::undetermined("expected points that span an area, found all on one line"));
     }
-    let known: Vec<DVec3> = normals.iter().copied().filter(|n| n.length_squared() > 0.5).collect();
-    let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
+    let is_known = |(_, normal): &(&DVec3, &DVec3)| normal.length_squared() > 0.5;
+    let (at, known): (Vec<DVec3>, Vec<DVec3>) = points.iter().zip(normals).filter(is_known).unzip();
+    let shape = wanted.unwrap_or_else(|| shape_from_normals(&at, &known, variances));
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
             "expected points that are not in one plane for a {}: these determine only a sheet",
@@ -347,8 +357,8 @@ fn rectangle_around(
     BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * spread)))
 }
 
-/// Sheet, tube or ball from the distribution of normals.
-fn shape_from_normals(normals: &[DVec3], variances: [f64; 3]) -> Shape {
+/// Sheet, tube or ball from the distribution of known normals at some points.
+fn shape_from_normals(points: &[DVec3], normals: &[DVec3], variances: [f64; 3]) -> Shape {
     if normals.is_empty() {
         // Without normals, flat clouds are sheets.
         return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
@@ -374,11 +384,39 @@ fn shape_from_normals(normals: &[DVec3], variances: [f64; 3]) -> Shape {
             sectors[((angle / TAU * 12.0) as usize).min(11)] += 1;
         }
         let around = sectors.iter().all(|&s| s as f64 > 0.1 * count / 12.0);
-        if along < 0.12 && caps < 0.02 * count && around {
+        if along < 0.12 && caps < 0.02 * count && around && !narrows_to_a_tip(points, normals, axis) {
             return Shape::Tube;
         }
     }
     Shape::Ball
+}
+
+/// True if a cloud is closed at an end of its axis: the last points lie in a narrow section, and their normals
+/// turn towards the end. A long ellipsoid has hardly any normals along its axis, but is no tube.
+fn narrows_to_a_tip(points: &[DVec3], normals: &[DVec3], axis: DVec3) -> bool {
+    let mut order: Vec<(f64, usize)> = points.iter().map(|p| p.dot(axis)).zip(0..).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let size = (points.len() / SECTIONS).max(MIN_SECTION);
+    let sections: Vec<&[(f64, usize)]> = order.chunks_exact(size).collect();
+    // About the middle of each section: tubes may be bent.
+    let radius = |section: &[(f64, usize)]| {
+        let away = |&(along, i): &(f64, usize)| points[i] - along * axis;
+        let middle = section.iter().map(away).sum::<DVec3>() / section.len() as f64;
+        (section.iter().map(|at| (away(at) - middle).length_squared()).sum::<f64>() / section.len() as f64)
+            .sqrt()
+    };
+    let turned = |section: &[(f64, usize)], outwards: DVec3| {
+        section.iter().map(|&(_, i)| normals[i].dot(outwards)).sum::<f64>() / section.len() as f64
+    };
+    let mut radii: Vec<f64> = sections.iter().map(|section| radius(section)).collect();
+    radii.sort_by(f64::total_cmp);
+    let (Some(first), Some(typical)) = (sections.first(), radii.get(radii.len() / 2)) else {
+        return false;
+    };
+    let last = &order[order.len() - size..];
+    [(*first, -axis), (last, axis)].into_iter().any(|(section, outwards)| {
+        radius(section) < TIP_RADIUS * typical && turned(section, outwards) > TIP_TURN
+    })
 }
 
 /// The unit vector most nearly perpendicular to all normals.

@@ -169,3 +169,31 @@ fn the_shape_of_a_few_readings_is_chosen_without_normals() {
         }
     }
 }
+
+/// Waves that are nearly as short as the readings are apart, where normals of neighbours are wrong, and a body
+/// that is as thin.
+#[test]
+fn neighbours_in_a_plane_show_sheets_and_bodies() {
+    let mut rng = ChaCha8Rng::seed_from_u64(30);
+    let mut noisy =
+        |p: DVec3| p + 0.01 * DVec3::from_array([(); 3].map(|()| StandardNormal.sample(&mut rng)));
+    let waves: Vec<DVec3> = (0..121)
+        .map(|k| {
+            let [x, y] = [f64::from(k % 11), f64::from(k / 11)];
+            noisy(DVec3::new(x, y, (0.07 * x * x).sin() + (0.15 * y).cos()))
+        })
+        .collect();
+    let found = fit(&common::probed(waves, None, None), &FitOptions::default(), &Silent).unwrap();
+    assert_eq!(found.report.shape, "sheet");
+    let thin: Vec<DVec3> = (0..121)
+        .map(|k| {
+            let z = 2.0 * (f64::from(k) + 0.5) / 121.0 - 1.0;
+            let (sin, cos) = (2.4 * f64::from(k)).sin_cos();
+            let flat = (1.0 - z * z).sqrt();
+            noisy(DVec3::new(7.0 * flat * cos, 6.0 * flat * sin, 2.0 * z))
+        })
+        .collect();
+    let refusal = fit(&common::probed(thin, None, None), &FitOptions::default(), &Silent).err().unwrap();
+    assert_eq!(refusal.kind(), ErrorKind::Undetermined);
+    assert!(refusal.to_string().contains("specify the shape"), "{refusal}");
+}

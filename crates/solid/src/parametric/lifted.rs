@@ -13,9 +13,6 @@ const AT_POLE: f64 = 1e-6;
 ///
 /// A larger value accepts edges of another surface; a smaller one rejects faces of inaccurate files.
 const MAX_OFF: f64 = 1e-3;
-/// Distance of a loop's farthest point from the surface over the size of the loop, above which no other is
-/// tried.
-const FAR_OFF: f64 = 0.1;
 
 /// A loop of vertices, with the face on its left seen against the normal of the surface.
 #[derive(Debug, Clone)]
@@ -61,10 +58,6 @@ impl Ring {
     }
 }
 
-fn off_its_surface(off: f64) -> Error {
-    Error::unsupported(format!("a loop is {off:.3e} off its surface"))
-}
-
 /// A loop in parameters, which are continuous: they do not jump by a period from corner to corner.
 #[derive(Debug, Clone)]
 pub(super) struct Lifted {
@@ -99,16 +92,11 @@ impl Lifter<'_> {
             return Err(Error::unsupported("a loop consists only of poles of the surface"));
         };
         // A search for the foot of a far point visits the whole surface, and a wrong control point makes a
-        // loop of thousands of them. The farthest one alone shows that. Without a guess, the search may end
-        // at another part of a surface that passes nearby twice, so that only a far point counts.
+        // loop of thousands of them. The farthest one alone shows that.
         let away = |k: &usize| points[*k].distance(points[start]);
         let farthest = (0..n).filter(|k| at_pole[*k].is_none()).max_by(|a, b| away(a).total_cmp(&away(b)));
         if let Some(farthest) = farthest {
-            let at = self.feet.foot(points[farthest], None, self.close);
-            let off = points[farthest].distance(self.feet.surface().point(at));
-            if off > FAR_OFF * size {
-                return Err(off_its_surface(off));
-            }
+            self.foot(points[farthest], None, size)?;
         }
         let mut corners: Vec<Corner> = Vec::with_capacity(n);
         let mut first = [0.0; 2];
@@ -157,7 +145,7 @@ impl Lifter<'_> {
         let off = p.distance(self.feet.surface().point(at));
         match off <= (MAX_OFF * size).max(100.0 * self.close) {
             true => Ok(at),
-            false => Err(off_its_surface(off)),
+            false => Err(Error::unsupported(format!("a loop is {off:.3e} off its surface"))),
         }
     }
 

@@ -14,6 +14,10 @@ const CLOSED: f64 = 1e-7;
 /// It bounds memory (160² samples); large splines may then have less than one sample for each piece.
 const MAX_PLACES: usize = 160;
 
+/// Samples from which the foot of a point is searched: the nearest ones, and minima of the distance.
+const NEAREST_STARTS: usize = 6;
+const MINIMA_STARTS: usize = 12;
+
 /// A surface with two parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ParametricSurface {
@@ -290,8 +294,10 @@ impl ParametricSurface {
 pub(super) struct Feet<'a> {
     surface: &'a ParametricSurface,
     periods: [Option<f64>; 2],
-    /// Samples of a spline: parameters and points. Made when the first search needs them.
+    /// Samples of a spline, row by row: parameters and points. Made when the first search needs them.
     places: Vec<([f64; 2], DVec3)>,
+    /// Number of samples in a row.
+    row: usize,
 }
 
 impl<'a> Feet<'a> {
@@ -300,7 +306,7 @@ impl<'a> Feet<'a> {
     }
 
     pub(super) fn new(surface: &'a ParametricSurface) -> Self {
-        Self { surface, periods: surface.periods(), places: Vec::new() }
+        Self { surface, periods: surface.periods(), places: Vec::new(), row: 0 }
     }
 
     /// Parameters of the point nearest to `p`. A foot near `guess` is accepted if it is within `close`.
@@ -343,9 +349,10 @@ impl<'a> Feet<'a> {
         }
     }
 
-    /// Foot on a spline: from the guess if it is close enough, else from the six nearest samples as well.
+    /// Foot on a spline: from the guess if it is close enough, else from samples as well: the nearest, and those
+    /// that are nearer than all beside them.
     ///
-    /// The nearest sample alone may belong to another part of a folded surface.
+    /// The nearest samples may all belong to another part of a folded or thin surface.
     fn on_spline(
         &mut self,
         surface: &ParametricSurface,
@@ -361,16 +368,23 @@ impl<'a> Feet<'a> {
             return at;
         }
         if self.places.is_empty() {
-            self.places = places(surface);
+            (self.places, self.row) = places(surface);
         }
-        let mut order: Vec<(f64, [f64; 2])> =
-            self.places.iter().map(|(at, q)| (p.distance(*q), *at)).collect();
-        // A selection instead of a sort: only the six nearest of up to 25,921 samples are needed.
-        let few = order.len().min(6);
-        if few > 0 {
-            order.select_nth_unstable_by(few - 1, |a, b| a.0.total_cmp(&b.0));
-        }
-        let found = order[..few].iter().map(|(_, at)| foot(surface, p, *at, &self.periods));
+        let away: Vec<f64> = self.places.iter().map(|(_, q)| p.distance(*q)).collect();
+        let nearest = |mut starts: Vec<usize>, few: usize| {
+            let few = starts.len().min(few);
+            // A selection instead of a sort: there are up to 25,921 samples.
+            if few > 0 {
+                starts.select_nth_unstable_by(few - 1, |a, b| away[*a].total_cmp(&away[*b]));
+            }
+            starts.truncate(few);
+            starts
+        };
+        let mut starts = nearest((0..away.len()).collect(), NEAREST_STARTS);
+        starts.extend(nearest(local_minima(&away, self.row), MINIMA_STARTS));
+        starts.sort_unstable();
+        starts.dedup();
+        let found = starts.iter().map(|k| foot(surface, p, self.places[*k].0, &self.periods));
         let best = found.chain(near).min_by(|a, b| a.0.total_cmp(&b.0));
         best.map_or([0.0; 2], |(_, at)| at)
     }
@@ -457,10 +471,26 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn(DVec3) -> DVec3, guess:
     best.1
 }
 
-/// Samples of a spline.
-fn places(surface: &ParametricSurface) -> Vec<([f64; 2], DVec3)> {
+/// The samples in rows of `row` whose distances are smaller than those of all samples beside them. Of equal
+/// ones, as at a pole, the last.
+fn local_minima(away: &[f64], row: usize) -> Vec<usize> {
+    let rows = away.len() / row.max(1);
+    let is_minimum = |k: &usize| {
+        let (i, j) = (k / row, k % row);
+        (i.saturating_sub(1)..(i + 2).min(rows)).all(|i| {
+            (j.saturating_sub(1)..(j + 2).min(row)).all(|j| {
+                let other = i * row + j;
+                away[*k] < away[other] || (away[*k] == away[other] && *k >= other)
+            })
+        })
+    };
+    (0..away.len()).filter(is_minimum).collect()
+}
+
+/// Samples of a spline, and the number in a row.
+fn places(surface: &ParametricSurface) -> (Vec<([f64; 2], DVec3)>, usize) {
     let ParametricSurface::Spline(spline) = surface else {
-        return Vec::new();
+        return (Vec::new(), 0);
     };
     let lines = [0, 1].map(|k| {
         let breaks = spline.breaks(k);
@@ -475,7 +505,7 @@ fn places(surface: &ParametricSurface) -> Vec<([f64; 2], DVec3)> {
             found.push(([*u, *v], spline.at([*u, *v]).0));
         }
     }
-    found
+    (found, lines[1].len())
 }
 
 /// The foot of a point near given parameters, by damped Gauss–Newton (Levenberg–Marquardt) steps: its

@@ -65,6 +65,30 @@ fn shapes_are_recognised_from_their_clouds() {
     assert_eq!(choose_base_shape(&points, &normals, None).unwrap().shape, Shape::Sheet);
 }
 
+/// Long ellipsoids have hardly any normals along their axis; truncated cones are open.
+#[test]
+fn a_body_that_narrows_to_tips_is_no_tube() {
+    for (length, closed) in [(2.0, true), (4.0, true), (6.0, true), (6.0, false)] {
+        let mut points = Vec::new();
+        let mut normals = Vec::new();
+        for i in 0..2000 {
+            // Even in height and angle, so that the density is that of a cylinder.
+            let z = 2.0 * (f64::from(i) + 0.5) / 2000.0 - 1.0;
+            let angle = f64::from(i) * std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+            let (radius, slope) = if closed {
+                ((1.0 - z * z).sqrt(), -z / (1.0 - z * z).sqrt())
+            } else {
+                (0.75 - 0.25 * z, -0.25)
+            };
+            let out = DVec3::new(angle.cos(), angle.sin(), 0.0);
+            points.push(radius * out + length * z * DVec3::Z);
+            normals.push((out - slope / length * DVec3::Z).normalize());
+        }
+        let found = choose_base_shape(&points, &normals, None).unwrap();
+        assert_eq!(found.shape, if closed { Shape::Ball } else { Shape::Tube }, "{length}");
+    }
+}
+
 #[test]
 fn too_few_or_collinear_points_are_undetermined() {
     use planish_estimate::ErrorKind;

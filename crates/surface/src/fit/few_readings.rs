@@ -78,7 +78,8 @@ pub(super) fn fit_few_readings(
     let known =
         |i: usize| if observations.readings.oriented[i] { observations.normal(i) } else { DVec3::ZERO };
     let normals: Vec<DVec3> = positions.iter().map(|&i| known(i)).collect();
-    let Some(base) = base_of_few(&points, &normals, options.shape)? else {
+    let estimated: Vec<DVec3> = positions.iter().map(|&i| observations.normal(i)).collect();
+    let Some(base) = base_of_few(&points, &normals, &estimated, options.shape)? else {
         return Ok(None);
     };
     refuse_too_few(base.shape, points.len())?;

@@ -415,7 +415,13 @@ impl Finishing<'_> {
         judge_surface(
             surface,
             self.readings(),
-            VerdictInput { gate, force, several_scans: self.set.scans.len() > 1, origin: self.origin },
+            VerdictInput {
+                gate,
+                information: self.information,
+                force,
+                several_scans: self.set.scans.len() > 1,
+                origin: self.origin,
+            },
         )
     }
 

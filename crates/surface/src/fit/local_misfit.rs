@@ -27,8 +27,8 @@ use planish_estimate::{Result, gated_scale};
 use planish_spline::Surface;
 use rayon::prelude::*;
 
-/// Significance of the scale of a leaf, in standard errors of its square. A lower one enlarges σ of some of
-/// thousands of leaves by chance; a higher one rejects readings that the surface should be near.
+/// Significance of the scale of a leaf, in standard deviations of a normal variable. A lower one enlarges σ of
+/// some of thousands of leaves by chance; a higher one rejects readings that the surface should be near.
 const SIGNIFICANT: f64 = 4.0;
 
 /// Median of χ² with one degree of freedom: a normal error is smaller in half of the cases.
@@ -197,8 +197,12 @@ pub(super) fn local_variances(
 }
 
 /// True if a mean square of normalised residuals exceeds 1 by more than chance explains.
+///
+/// The cube root of `χ²/n` is nearly normal with mean `1 − 2/9n` and variance `2/9n` (Wilson and Hilferty
+/// 1931). Of a few residuals the square itself is far from normal.
 fn is_significant(square: f64, count: usize) -> bool {
-    square > 1.0 + SIGNIFICANT * (2.0 / count.max(1) as f64).sqrt()
+    let spread = 2.0 / (9.0 * count.max(1) as f64);
+    square.cbrt() > 1.0 - spread + SIGNIFICANT * spread.sqrt()
 }
 
 /// The variance `m²` beyond those of the readings that explains their residuals; 0 if it is not significant.
@@ -227,8 +231,7 @@ fn common_variance(residuals: &[Residual], noise: f64, gate: f64) -> Result<f64>
         }
     }
     // As large as a deviation of the scale by chance, it is none.
-    let standard_error = (2.0 / residuals.len() as f64).sqrt();
-    Ok(if variance > SIGNIFICANT * standard_error * noise { variance } else { 0.0 })
+    Ok(if is_significant(1.0 + variance / noise, residuals.len()) { variance } else { 0.0 })
 }
 
 #[cfg(test)]

@@ -11,9 +11,11 @@ use planish_spline::Surface;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Smallest number of leaves of a region. By chance 0.2 % of leaves with eight readings are significant, and
-/// those with fewer take part of their neighbours' readings.
+/// Smallest number of leaves of a region. Leaves with few readings are judged with their neighbours.
 const MIN_LEAVES: usize = 4;
+/// Smallest number of readings of a region. Leaves are small near the poles of a ball, where the surface of a
+/// smooth body may be rough over the spacing of a few readings.
+const MIN_READINGS: usize = 24;
 /// Largest share of the surface for regions that are places.
 const MAX_SHARE: f64 = 0.5;
 /// Largest number of places in a report.
@@ -104,7 +106,11 @@ pub(super) fn misfit_regions(surface: &Surface, misfits: &[LeafMisfit]) -> Vec<V
     }
     let areas = leaf_areas(surface);
     let total: f64 = areas.iter().sum();
-    let found: Vec<Vec<usize>> = regions.into_values().filter(|leaves| leaves.len() >= MIN_LEAVES).collect();
+    let is_place = |leaves: &Vec<usize>| {
+        let readings: usize = leaves.iter().map(|&leaf| misfits[leaf].readings).sum();
+        leaves.len() >= MIN_LEAVES && readings >= MIN_READINGS
+    };
+    let found: Vec<Vec<usize>> = regions.into_values().filter(is_place).collect();
     let of_regions: f64 = found.iter().flatten().map(|&leaf| areas[leaf]).sum();
     // What is the same everywhere, as differences between scans are, is no matter of places.
     if of_regions > MAX_SHARE * total { Vec::new() } else { found }

@@ -7,7 +7,7 @@ use super::enclosed::{EnclosedSolid, EnclosedTopology};
 use super::leaves::leaf_areas;
 use super::noise::SensorNoise;
 use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
-use crate::observe::{Observations, ProjectedReadings, Quantity};
+use crate::observe::{FootState, Observations, ProjectedReadings, Quantity};
 use planish_core::numbers::significant;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
@@ -40,6 +40,9 @@ const MAX_PLACES: usize = 20;
 const TOPOLOGY_SAMPLE: usize = 30_000;
 /// More handles than this are those of a wall that is as thin as a cell of the indicator.
 const MAX_COUNTED_HANDLES: usize = 20;
+/// Fewer readings are judged all together, and the largest share of them that need not be followed.
+const MIN_FOR_PLACES: usize = 1000;
+const MAX_NOT_FOLLOWED: f64 = 0.15;
 /// Share of readings on no surface that a refusal names.
 const MANY_OFF_SURFACE: f64 = 0.1;
 /// Fewer readings show no solid: between them the indicator has holes.
@@ -75,8 +78,10 @@ impl Verdict {
 
 /// What the verdict depends on besides the readings.
 #[derive(Clone, Copy)]
-pub(super) struct VerdictInput {
+pub(super) struct VerdictInput<'a> {
     pub gate: f64,
+    /// Weight of each reading; 0 if it was rejected.
+    pub information: &'a [f64],
     /// Keep a surface that would be refused.
     pub force: bool,
     /// True if the readings are of more than one scan.
@@ -94,15 +99,20 @@ pub(super) struct VerdictInput {
 pub(super) fn judge_surface(
     surface: &Surface,
     readings: ProjectedReadings<'_>,
-    input: VerdictInput,
+    input: VerdictInput<'_>,
 ) -> Result<Verdict> {
     if let Some(text) = layers(readings, input.several_scans)
         && !input.force
     {
         return Err(Error::undetermined(text).with_setting(Setting::Force));
     }
-    let misfit = surface_misfit(readings, input.gate, input.origin)?;
     let shape = surface.space().shape();
+    if let Some(text) = few_not_followed(readings, input, shape)
+        && !input.force
+    {
+        return Err(Error::undetermined(text).with_setting(Setting::Force));
+    }
+    let misfit = surface_misfit(readings, input.gate, input.origin)?;
     let solid = (shape == Shape::Ball).then(|| solid_of(readings.observations)).flatten();
     // Thin parts vanish at some levels of the indicator, and noise makes small handles at others. Where the
     // surface leaves the solid as well, a single level is evidence.
@@ -174,6 +184,30 @@ pub(super) fn refuse_far_larger_noise(
         }
     }
     Ok(())
+}
+
+/// A sentence on a small cloud of which the surface does not follow many readings that agree with their
+/// neighbours; none if it follows them. Large clouds are judged by place.
+fn few_not_followed(
+    readings: ProjectedReadings<'_>,
+    input: VerdictInput<'_>,
+    shape: Shape,
+) -> Option<String> {
+    let (mut all, mut not_followed) = (0_usize, 0_usize);
+    for (k, foot) in readings.feet.iter().enumerate().filter(|(_, foot)| foot.quantity == Quantity::Position)
+    {
+        if readings.observations.readings.on_surface[readings.subset[k] as usize] {
+            all += 1;
+            not_followed += usize::from(foot.state != FootState::Good || input.information[k] == 0.0);
+        }
+    }
+    let share = not_followed as f64 / all.max(1) as f64;
+    (all < MIN_FOR_PLACES && share > MAX_NOT_FOLLOWED).then(|| {
+        format!(
+            "the surface does not follow {not_followed} of {all} readings that agree with their neighbours: {}",
+            reason(shape, None, input.several_scans)
+        )
+    })
 }
 
 /// A sentence on two layers of readings between which the surface runs; none if it follows one of them, or

@@ -19,25 +19,48 @@ const MAX_SHEET_SHARE: f64 = 0.1;
 /// Largest scatter about a sphere or a cylinder, as a share of its radius, for a body of that kind. An
 /// ellipsoid with axes 2 : 1 : 1 has 0.2, a torus of radii 3 : 1 has 0.24 about a sphere.
 const MAX_BODY_SCATTER: f64 = 0.22;
+/// Nearest neighbours whose heights are compared, at least one less than the readings of any shape.
+const NEIGHBOURS: usize = 4;
+/// Geary's contrast ratio of heights over a plane, below which readings are a height field: the mean square
+/// difference of neighbours over that of any two readings. Bodies have 0.8 to 1.4 along each axis; waves of four
+/// readings a period have 0.5 to 0.9.
+const MAX_CONTRAST: f64 = 0.6;
+/// Neighbours in the plane farther apart in space than this many times the mean distance of neighbours in space,
+/// and the share of them below which readings are a height field. Steep and wavy sheets have at most 0.04,
+/// 70 % of a ball has 0.06 to 0.24.
+const APART: f64 = 2.5;
+const MAX_APART: f64 = 0.05;
 /// A body was seen from all sides if there is a reading within the cone of this cosine about each axis and
 /// diagonal of its frame. Of 12 readings all around, 1 in 100 clouds fails.
 const MIN_COSINE: f64 = 0.1;
 
-/// The base of readings; `normals` are zero where they are not known. None if the choice needs normals.
+/// The base of readings; `normals` are zero where they are not known, `estimated` are those of neighbours. None
+/// if the choice needs these.
 pub(super) fn base_of_few(
     points: &[DVec3],
     normals: &[DVec3],
+    estimated: &[DVec3],
     wanted: Option<Shape>,
 ) -> Result<Option<BaseShape>> {
     let known = normals.iter().filter(|n| n.length_squared() > 0.5).count();
     // Collinear points and the like have no shape at all.
-    let sheet = upwards(choose_base_shape(points, normals, Some(Shape::Sheet))?, known == 0);
+    let mut sheet = upwards(choose_base_shape(points, normals, Some(Shape::Sheet))?, known == 0);
     let shape = match wanted {
         Some(shape) => shape,
         None if 2 * known > points.len() => choose_base_shape(points, normals, None)?.shape,
         None if is_height_field(points) => Shape::Sheet,
-        None if points.len() > MAX_BY_SCATTER => return Ok(None),
-        None => return body(points).map(Some),
+        None => match direction_of_heights(points) {
+            Some(up) => {
+                sheet =
+                    upwards(choose_base_shape(points, &vec![up; points.len()], Some(Shape::Sheet))?, true);
+                Shape::Sheet
+            }
+            None if points.len() <= MAX_BY_SCATTER => return body(points).map(Some),
+            None if choose_base_shape(points, estimated, None)?.shape == Shape::Sheet => {
+                return Err(no_shape(points));
+            }
+            None => return Ok(None),
+        },
     };
     if shape == Shape::Sheet {
         return Ok(Some(sheet));
@@ -92,6 +115,53 @@ fn is_height_field(points: &[DVec3]) -> bool {
     freedom >= 4.0 && (heights - rows * found).norm_squared() / freedom < MAX_SHEET_SHARE * variances[2]
 }
 
+/// The principal axis along which readings are a height field; none if they are none along any.
+///
+/// On a height field neighbours in the plane are neighbours in space. On a body half of them lie on the other
+/// side, and their heights differ as those of any two readings.
+fn direction_of_heights(points: &[DVec3]) -> Option<DVec3> {
+    let (mean, axes, _) = principal_axes(points);
+    let local: Vec<DVec3> =
+        points.iter().map(|p| DVec3::from_array(axes.map(|axis| axis.dot(*p - mean)))).collect();
+    let in_space = neighbours(&local, |p| *p);
+    let spacing = pairs(&in_space).map(|(i, j)| local[i].distance(local[j])).sum::<f64>()
+        / pairs(&in_space).count() as f64;
+    let contrasts = [0, 1, 2].map(|axis| {
+        let flat = |p: &DVec3| {
+            let mut q = *p;
+            q[axis] = 0.0;
+            q
+        };
+        let in_plane = neighbours(&local, flat);
+        let count = pairs(&in_plane).count() as f64;
+        let square = pairs(&in_plane).map(|(i, j)| (local[i][axis] - local[j][axis]).powi(2)).sum::<f64>();
+        let variance = local.iter().map(|p| p[axis] * p[axis]).sum::<f64>() / local.len() as f64;
+        let apart = pairs(&in_plane).filter(|&(i, j)| local[i].distance(local[j]) > APART * spacing).count();
+        (square / (2.0 * variance * count), apart as f64 / count)
+    });
+    let best = (0..3).min_by(|&a, &b| contrasts[a].0.total_cmp(&contrasts[b].0)).unwrap_or(2);
+    let (contrast, apart) = contrasts[best];
+    (contrast < MAX_CONTRAST && apart < MAX_APART).then_some(axes[best])
+}
+
+/// The nearest neighbours of each point, by brute force: the points are few.
+fn neighbours(points: &[DVec3], place: impl Fn(&DVec3) -> DVec3) -> Vec<[usize; NEIGHBOURS]> {
+    let places: Vec<DVec3> = points.iter().map(place).collect();
+    (0..places.len())
+        .map(|i| {
+            let mut others: Vec<usize> = (0..places.len()).filter(|&j| j != i).collect();
+            let distance = |j: &usize| places[i].distance_squared(places[*j]);
+            others.select_nth_unstable_by(NEIGHBOURS - 1, |a, b| distance(a).total_cmp(&distance(b)));
+            std::array::from_fn(|k| others[k])
+        })
+        .collect()
+}
+
+/// Each point with each of its neighbours.
+fn pairs(neighbours: &[[usize; NEIGHBOURS]]) -> impl Iterator<Item = (usize, usize)> {
+    neighbours.iter().enumerate().flat_map(|(i, near)| near.iter().map(move |&j| (i, j)))
+}
+
 /// A ball or a tube that was seen from all sides.
 fn body(points: &[DVec3]) -> Result<BaseShape> {
     let ball = fitted(points, &[], Shape::Ball)?;
@@ -127,13 +197,16 @@ fn body(points: &[DVec3]) -> Result<BaseShape> {
     if scatter(&ball) < MAX_BODY_SCATTER && is_around(&ball, &all) {
         return Ok(ball);
     }
-    Err(Error::undetermined(format!(
-        "expected {} readings to be near a smooth sheet, a ball or a tube, found none of these: a quadratic \
-         surface leaves them, they scatter by {:.0} % of the radius about a sphere and {:.0} % about a \
-         cylinder; specify the shape, add normals or add readings (more than {MAX_BY_SCATTER})",
+    Err(no_shape(points))
+}
+
+/// Refuses readings that no shape describes.
+fn no_shape(points: &[DVec3]) -> Error {
+    Error::undetermined(format!(
+        "expected {} readings to be near a smooth sheet, a ball or a tube, found none of these: neighbours in a \
+         plane differ in height as two sides of a body do, and the scatter about a sphere and about a cylinder \
+         is that of no such body; specify the shape, add normals or add readings",
         points.len(),
-        100.0 * scatter(&ball),
-        100.0 * scatter(&tube)
     ))
-    .with_setting(Setting::Shape))
+    .with_setting(Setting::Shape)
 }
