@@ -230,17 +230,17 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
 /// Sections along the axis of a cloud, and the smallest number of points in one.
 const SECTIONS: usize = 50;
 const MIN_SECTION: usize = 8;
-/// A section at a tip has a radius below this share of the typical one, and normals that are turned towards the
-/// tip by this cosine in the mean. Ellipsoids up to 6 : 1 have less than 0.5 and more than 0.4; a cone that is
-/// open at half its radius has 0.67.
+/// A section at a tip has a radius below this share of the typical one, and normals that are turned towards
+/// the tip by this cosine in the mean. Ellipsoids up to 6 : 1 have less than 0.5 and more than 0.4; a cone
+/// that is open at half its radius has 0.67.
 const TIP_RADIUS: f64 = 0.6;
 const TIP_TURN: f64 = 0.3;
 
 /// Chooses and fits a base shape to points with optional outward unit normals.
 ///
 /// If all normals face one side, the cloud is a sheet. If they are nearly perpendicular to an axis and
-/// surround it, and neither end narrows to a tip, it is a tube. Otherwise it is a ball. `wanted` overrides the
-/// choice. The shape encloses all points.
+/// surround it, and neither end narrows to a tip, it is a tube. Otherwise it is a ball. `wanted` overrides
+/// the choice. The shape encloses all points.
 ///
 /// # Errors
 /// `Undetermined` for fewer than 4 points, coincident or collinear points, and coplanar points if `wanted` is
@@ -391,8 +391,8 @@ fn shape_from_normals(points: &[DVec3], normals: &[DVec3], variances: [f64; 3]) 
     Shape::Ball
 }
 
-/// True if a cloud is closed at an end of its axis: the last points lie in a narrow section, and their normals
-/// turn towards the end. A long ellipsoid has hardly any normals along its axis, but is no tube.
+/// True if a cloud is closed at an end of its axis: the last points lie in a narrow section, and their
+/// normals turn towards the end. A long ellipsoid has hardly any normals along its axis, but is no tube.
 fn narrows_to_a_tip(points: &[DVec3], normals: &[DVec3], axis: DVec3) -> bool {
     let mut order: Vec<(f64, usize)> = points.iter().map(|p| p.dot(axis)).zip(0..).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -170,8 +170,8 @@ fn the_shape_of_a_few_readings_is_chosen_without_normals() {
     }
 }
 
-/// Waves that are nearly as short as the readings are apart, where normals of neighbours are wrong, and a body
-/// that is as thin.
+/// Waves that are nearly as short as the readings are apart, where normals of neighbours are wrong, and a
+/// body that is as thin.
 #[test]
 fn neighbours_in_a_plane_show_sheets_and_bodies() {
     let mut rng = ChaCha8Rng::seed_from_u64(30);
@@ -195,5 +195,5 @@ fn neighbours_in_a_plane_show_sheets_and_bodies() {
         .collect();
     let refusal = fit(&common::probed(thin, None, None), &FitOptions::default(), &Silent).err().unwrap();
     assert_eq!(refusal.kind(), ErrorKind::Undetermined);
-    assert!(refusal.to_string().contains("specify the shape"), "{refusal}");
+    assert!(refusal.to_string().contains("does not follow"), "{refusal}");
 }

@@ -349,8 +349,8 @@ impl<'a> Feet<'a> {
         }
     }
 
-    /// Foot on a spline: from the guess if it is close enough, else from samples as well: the nearest, and those
-    /// that are nearer than all beside them.
+    /// Foot on a spline: from the guess if it is close enough, else from samples as well: the nearest, and
+    /// those that are nearer than all beside them.
     ///
     /// The nearest samples may all belong to another part of a folded or thin surface.
     fn on_spline(

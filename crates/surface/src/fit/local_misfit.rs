@@ -27,8 +27,8 @@ use planish_estimate::{Result, gated_scale};
 use planish_spline::Surface;
 use rayon::prelude::*;
 
-/// Significance of the scale of a leaf, in standard deviations of a normal variable. A lower one enlarges σ of
-/// some of thousands of leaves by chance; a higher one rejects readings that the surface should be near.
+/// Significance of the scale of a leaf, in standard deviations of a normal variable. A lower one enlarges σ
+/// of some of thousands of leaves by chance; a higher one rejects readings that the surface should be near.
 const SIGNIFICANT: f64 = 4.0;
 
 /// Median of χ² with one degree of freedom: a normal error is smaller in half of the cases.

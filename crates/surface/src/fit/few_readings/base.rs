@@ -22,20 +22,20 @@ const MAX_BODY_SCATTER: f64 = 0.22;
 /// Nearest neighbours whose heights are compared, at least one less than the readings of any shape.
 const NEIGHBOURS: usize = 4;
 /// Geary's contrast ratio of heights over a plane, below which readings are a height field: the mean square
-/// difference of neighbours over that of any two readings. Bodies have 0.8 to 1.4 along each axis; waves of four
-/// readings a period have 0.5 to 0.9.
+/// difference of neighbours over that of any two readings. Bodies have 0.8 to 1.4 along each axis; waves of
+/// four readings a period have 0.5 to 0.9.
 const MAX_CONTRAST: f64 = 0.6;
-/// Neighbours in the plane farther apart in space than this many times the mean distance of neighbours in space,
-/// and the share of them below which readings are a height field. Steep and wavy sheets have at most 0.04,
-/// 70 % of a ball has 0.06 to 0.24.
+/// Neighbours in the plane farther apart in space than this many times the mean distance of neighbours in
+/// space, and the share of them below which readings are a height field. Steep and wavy sheets have at most
+/// 0.04, 70 % of a ball has 0.06 to 0.24.
 const APART: f64 = 2.5;
 const MAX_APART: f64 = 0.05;
 /// A body was seen from all sides if there is a reading within the cone of this cosine about each axis and
 /// diagonal of its frame. Of 12 readings all around, 1 in 100 clouds fails.
 const MIN_COSINE: f64 = 0.1;
 
-/// The base of readings; `normals` are zero where they are not known, `estimated` are those of neighbours. None
-/// if the choice needs these.
+/// The base of readings; `normals` are zero where they are not known, `estimated` are those of neighbours.
+/// None if the choice needs these.
 pub(super) fn base_of_few(
     points: &[DVec3],
     normals: &[DVec3],
