@@ -204,7 +204,8 @@ fn few_not_followed(
     let share = not_followed as f64 / all.max(1) as f64;
     (all < MIN_FOR_PLACES && share > MAX_NOT_FOLLOWED).then(|| {
         format!(
-            "the surface does not follow {not_followed} of {all} readings that agree with their neighbours: {}",
+            "the surface does not follow {not_followed} of {all} readings that agree with their \
+             neighbours: {}",
             reason(shape, None, input.several_scans)
         )
     })

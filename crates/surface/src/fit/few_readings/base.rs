@@ -203,9 +203,9 @@ fn body(points: &[DVec3]) -> Result<BaseShape> {
 /// Refuses readings that no shape describes.
 fn no_shape(points: &[DVec3]) -> Error {
     Error::undetermined(format!(
-        "expected {} readings to be near a smooth sheet, a ball or a tube, found none of these: neighbours in a \
-         plane differ in height as two sides of a body do, and the scatter about a sphere and about a cylinder \
-         is that of no such body; specify the shape, add normals or add readings",
+        "expected {} readings to be near a smooth sheet, a ball or a tube, found none of these: neighbours \
+         in a plane differ in height as two sides of a body do, and the scatter about a sphere and about a \
+         cylinder is that of no such body; specify the shape, add normals or add readings",
         points.len(),
     ))
     .with_setting(Setting::Shape)
