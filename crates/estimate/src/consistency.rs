@@ -9,6 +9,28 @@ use crate::{Error, Result};
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Normal};
 
+/// How far the mean of the squares of `degrees` standard normal errors, `χ²/ν`, is above 1, as a standard
+/// normal variable.
+///
+/// The cube root of `χ²/ν` is nearly normal with mean `1 − 2/9ν` and variance `2/9ν`, even for a few
+/// degrees of freedom. χ² itself is skewed, and a limit in its standard deviations is exceeded too often.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::chi_square_deviation;
+///
+/// // One of a thousand χ² values with 10 degrees of freedom is above 29.59; so is a normal one above 3.09.
+/// assert!((chi_square_deviation(2.959, 10.0) - 3.09).abs() < 0.03);
+/// ```
+///
+/// # References
+/// Wilson, Hilferty, *The distribution of chi-square*, PNAS 1931.
+#[must_use]
+pub fn chi_square_deviation(mean_square: f64, degrees: f64) -> f64 {
+    let variance = 2.0 / (9.0 * degrees);
+    (mean_square.max(0.0).cbrt() - 1.0 + variance) / variance.sqrt()
+}
+
 /// `eᵀ Σ⁻¹ e`, distributed as χ² for `e ~ N(0, Σ)`, with as many degrees of freedom as `e` has components.
 ///
 /// For an estimation error and its covariance this is the NEES (normalised estimation error squared); for an

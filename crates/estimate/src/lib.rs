@@ -59,7 +59,9 @@ mod variance_components;
 
 pub use batches::{NestedBatches, PairProducts};
 pub use belief::{Belief, Information};
-pub use consistency::{ChiSquareBand, ChiSquareMean, Coverage, Whiteness, normalized_squared, whiteness};
+pub use consistency::{
+    ChiSquareBand, ChiSquareMean, Coverage, Whiteness, chi_square_deviation, normalized_squared, whiteness,
+};
 pub use equation::{
     Dimensions, Explicit, Implicit, Linear, Linearization, MeasurementEquation, check_jacobians,
 };

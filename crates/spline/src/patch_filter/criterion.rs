@@ -21,6 +21,7 @@
 use crate::surface::Jet;
 use planish_core::DVec3;
 use planish_core::vector3::coordinates;
+use planish_estimate::chi_square_deviation;
 
 /// Criteria for subdivision; `None` disables a criterion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -180,10 +181,7 @@ fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
             let n = (all.count + far) as f64;
             // Rejected readings have no innovation; they count with the square at the gate.
             let sum = all.normalized_squared + FAR_SQUARED * far as f64;
-            // The cube root of a χ² value is nearly normal even for a few degrees of freedom. χ² itself is
-            // skewed, and a limit in its standard deviations would be exceeded too often.
-            let spread = 2.0 / (9.0 * n);
-            worst = worst.max(((sum / n).cbrt() - 1.0 + spread) / spread.sqrt());
+            worst = worst.max(chi_square_deviation(sum / n, n));
         }
     }
     worst

@@ -23,7 +23,7 @@ use super::division::MIN_READINGS;
 use super::leaves::neighbourhood;
 use super::noise::SensorNoise;
 use crate::observe::{FootState, ProjectedReadings, Quantity, by_leaf};
-use planish_estimate::{Result, gated_scale};
+use planish_estimate::{Result, chi_square_deviation, gated_scale};
 use planish_spline::Surface;
 use rayon::prelude::*;
 
@@ -197,12 +197,8 @@ pub(super) fn local_variances(
 }
 
 /// True if a mean square of normalised residuals exceeds 1 by more than chance explains.
-///
-/// The cube root of `χ²/n` is nearly normal with mean `1 − 2/9n` and variance `2/9n` (Wilson and Hilferty
-/// 1931). Of a few residuals the square itself is far from normal.
 fn is_significant(square: f64, count: usize) -> bool {
-    let spread = 2.0 / (9.0 * count.max(1) as f64);
-    square.cbrt() > 1.0 - spread + SIGNIFICANT * spread.sqrt()
+    chi_square_deviation(square, count.max(1) as f64) > SIGNIFICANT
 }
 
 /// The variance `m²` beyond those of the readings that explains their residuals; 0 if it is not significant.

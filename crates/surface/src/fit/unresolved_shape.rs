@@ -22,7 +22,7 @@ use super::noise::SensorNoise;
 use crate::model::Posterior;
 use crate::observe::Quantity;
 use crate::observe::{Foot, FootChannels, FootState, by_leaf};
-use planish_estimate::Result;
+use planish_estimate::{Result, chi_square_deviation};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -76,15 +76,12 @@ impl Shared {
 
     /// `m²`, if it is significant.
     ///
-    /// With `ν = spread/2` degrees of freedom, `shape + ν` is χ² under noise, which is far from normal for
-    /// small `ν`. The cube root of `χ²/ν` is nearly normal with mean `1 − 2/9ν` and variance `2/9ν` (Wilson &
-    /// Hilferty 1931).
+    /// With `ν = spread/2` degrees of freedom, `shape + ν` is χ² under noise.
     fn mean_square(&self, significant: f64) -> Option<f64> {
         let shape = self.shape + self.of_surface;
         let degrees = 0.5 * self.spread;
-        let (mean, variance) = (1.0 - 2.0 / (9.0 * degrees), 2.0 / (9.0 * degrees));
-        let normal = ((shape / degrees + 1.0).max(0.0).cbrt() - mean) / variance.sqrt();
-        (self.spread > 0.0 && normal > significant).then(|| shape / self.precision)
+        let deviation = chi_square_deviation(shape / degrees + 1.0, degrees);
+        (self.spread > 0.0 && deviation > significant).then(|| shape / self.precision)
     }
 }
 

@@ -7,7 +7,7 @@ use super::enclosed::{EnclosedSolid, EnclosedTopology};
 use super::leaves::leaf_areas;
 use super::noise::SensorNoise;
 use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
-use crate::observe::{FootState, Observations, ProjectedReadings, Quantity};
+use crate::observe::{Observations, ProjectedReadings, Quantity};
 use planish_core::numbers::significant;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
@@ -101,13 +101,10 @@ pub(super) fn judge_surface(
     readings: ProjectedReadings<'_>,
     input: VerdictInput<'_>,
 ) -> Result<Verdict> {
-    if let Some(text) = layers(readings, input.several_scans)
-        && !input.force
-    {
-        return Err(Error::undetermined(text).with_setting(Setting::Force));
-    }
     let shape = surface.space().shape();
-    if let Some(text) = few_not_followed(readings, input, shape)
+    let as_a_whole =
+        layers(readings, input.several_scans).or_else(|| few_not_followed(readings, input, shape));
+    if let Some(text) = as_a_whole
         && !input.force
     {
         return Err(Error::undetermined(text).with_setting(Setting::Force));
@@ -198,7 +195,7 @@ fn few_not_followed(
     {
         if readings.observations.readings.on_surface[readings.subset[k] as usize] {
             all += 1;
-            not_followed += usize::from(foot.state != FootState::Good || input.information[k] == 0.0);
+            not_followed += usize::from(foot.rejection(input.information[k]).is_some());
         }
     }
     let share = not_followed as f64 / all.max(1) as f64;

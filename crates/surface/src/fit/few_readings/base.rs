@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
+use planish_sense::Neighbourhoods;
 use planish_spline::{BaseShape, Shape, choose_base_shape, fit_base_shape, principal_axes, scatter_about};
 
 /// Up to this number of readings without known normals, the shape is chosen here. Beyond it, normals from
@@ -44,20 +45,23 @@ pub(super) fn base_of_few(
 ) -> Result<Option<BaseShape>> {
     let known = normals.iter().filter(|n| n.length_squared() > 0.5).count();
     // Collinear points and the like have no shape at all.
-    let mut sheet = upwards(choose_base_shape(points, normals, Some(Shape::Sheet))?, known == 0);
+    let sheet = upwards(choose_base_shape(points, normals, Some(Shape::Sheet))?, known == 0);
     let shape = match wanted {
         Some(shape) => shape,
         None if 2 * known > points.len() => choose_base_shape(points, normals, None)?.shape,
         None if is_height_field(points) => Shape::Sheet,
         None => match direction_of_heights(points) {
             Some(up) => {
-                sheet =
-                    upwards(choose_base_shape(points, &vec![up; points.len()], Some(Shape::Sheet))?, true);
-                Shape::Sheet
+                let along = vec![up; points.len()];
+                return Ok(Some(upwards(choose_base_shape(points, &along, Some(Shape::Sheet))?, true)));
             }
             None if points.len() <= MAX_BY_SCATTER => return body(points).map(Some),
             None if choose_base_shape(points, estimated, None)?.shape == Shape::Sheet => {
-                return Err(no_shape(points));
+                return Err(no_shape(
+                    points,
+                    "their normals are those of a sheet, but neighbours in a plane differ in height as two \
+                     sides of a body do; specify the shape, add normals or add readings",
+                ));
             }
             None => return Ok(None),
         },
@@ -123,20 +127,21 @@ fn direction_of_heights(points: &[DVec3]) -> Option<DVec3> {
     let (mean, axes, _) = principal_axes(points);
     let local: Vec<DVec3> =
         points.iter().map(|p| DVec3::from_array(axes.map(|axis| axis.dot(*p - mean)))).collect();
-    let in_space = neighbours(&local, |p| *p);
-    let spacing = pairs(&in_space).map(|(i, j)| local[i].distance(local[j])).sum::<f64>()
-        / pairs(&in_space).count() as f64;
+    let distance = |(i, j): (usize, usize)| local[i].distance(local[j]);
+    let in_space = Neighbourhoods::new(&local, NEIGHBOURS).ok()?;
+    let count = pairs(&in_space, local.len()).count() as f64;
+    let spacing = pairs(&in_space, local.len()).map(distance).sum::<f64>() / count;
     let contrasts = [0, 1, 2].map(|axis| {
-        let flat = |p: &DVec3| {
-            let mut q = *p;
-            q[axis] = 0.0;
-            q
+        let mut flat = local.clone();
+        flat.iter_mut().for_each(|p| p[axis] = 0.0);
+        // Too many at one position, as along an extrusion, have no heights over it.
+        let Ok(in_plane) = Neighbourhoods::new(&flat, NEIGHBOURS) else {
+            return (f64::INFINITY, 1.0);
         };
-        let in_plane = neighbours(&local, flat);
-        let count = pairs(&in_plane).count() as f64;
-        let square = pairs(&in_plane).map(|(i, j)| (local[i][axis] - local[j][axis]).powi(2)).sum::<f64>();
+        let in_plane = || pairs(&in_plane, local.len());
+        let square = in_plane().map(|(i, j)| (local[i][axis] - local[j][axis]).powi(2)).sum::<f64>();
         let variance = local.iter().map(|p| p[axis] * p[axis]).sum::<f64>() / local.len() as f64;
-        let apart = pairs(&in_plane).filter(|&(i, j)| local[i].distance(local[j]) > APART * spacing).count();
+        let apart = in_plane().filter(|pair| distance(*pair) > APART * spacing).count();
         (square / (2.0 * variance * count), apart as f64 / count)
     });
     let best = (0..3).min_by(|&a, &b| contrasts[a].0.total_cmp(&contrasts[b].0)).unwrap_or(2);
@@ -144,22 +149,9 @@ fn direction_of_heights(points: &[DVec3]) -> Option<DVec3> {
     (contrast < MAX_CONTRAST && apart < MAX_APART).then_some(axes[best])
 }
 
-/// The nearest neighbours of each point, by brute force: the points are few.
-fn neighbours(points: &[DVec3], place: impl Fn(&DVec3) -> DVec3) -> Vec<[usize; NEIGHBOURS]> {
-    let places: Vec<DVec3> = points.iter().map(place).collect();
-    (0..places.len())
-        .map(|i| {
-            let mut others: Vec<usize> = (0..places.len()).filter(|&j| j != i).collect();
-            let distance = |j: &usize| places[i].distance_squared(places[*j]);
-            others.select_nth_unstable_by(NEIGHBOURS - 1, |a, b| distance(a).total_cmp(&distance(b)));
-            std::array::from_fn(|k| others[k])
-        })
-        .collect()
-}
-
-/// Each point with each of its neighbours.
-fn pairs(neighbours: &[[usize; NEIGHBOURS]]) -> impl Iterator<Item = (usize, usize)> {
-    neighbours.iter().enumerate().flat_map(|(i, near)| near.iter().map(move |&j| (i, j)))
+/// Each of `count` points with each of its neighbours.
+fn pairs(near: &Neighbourhoods, count: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..count).flat_map(|i| near.neighbours(i).iter().map(move |&j| (i, j as usize)))
 }
 
 /// A ball or a tube that was seen from all sides.
@@ -197,16 +189,20 @@ fn body(points: &[DVec3]) -> Result<BaseShape> {
     if scatter(&ball) < MAX_BODY_SCATTER && is_around(&ball, &all) {
         return Ok(ball);
     }
-    Err(no_shape(points))
+    let found = format!(
+        "no height field describes them, they scatter by {:.0} % of the radius about a sphere and {:.0} % \
+         about a cylinder; specify the shape, add normals or add readings (more than {MAX_BY_SCATTER})",
+        100.0 * scatter(&ball),
+        100.0 * scatter(&tube)
+    );
+    Err(no_shape(points, &found))
 }
 
-/// Refuses readings that no shape describes.
-fn no_shape(points: &[DVec3]) -> Error {
+/// Refuses readings that no shape describes, with what was found.
+fn no_shape(points: &[DVec3], found: &str) -> Error {
     Error::undetermined(format!(
-        "expected {} readings to be near a smooth sheet, a ball or a tube, found none of these: neighbours \
-         in a plane differ in height as two sides of a body do, and the scatter about a sphere and about a \
-         cylinder is that of no such body; specify the shape, add normals or add readings",
-        points.len(),
+        "expected {} readings to be near a smooth sheet, a ball or a tube, found none of these: {found}",
+        points.len()
     ))
     .with_setting(Setting::Shape)
 }
