@@ -24,7 +24,7 @@ use std::path::Path;
 
 /// Points of a wavy surface over the unit square, `side` in each direction.
 fn points(side: u32) -> Vec<[f64; 3]> {
-    let height = |x: f64, y: f64| 0.1 * (7.0 * x * x + 3.0 * y).sin();
+    let height = |x: f64, y: f64| 0.1 * (4.0 * x * x + 3.0 * y).sin();
     (0..side * side)
         .map(|k| [k % side, k / side].map(|c| f64::from(c) / f64::from(side - 1)))
         .map(|[x, y]| [x, y, height(x, y)])

@@ -53,6 +53,12 @@ const MAX_TYPICAL_SCATTERS: f64 = 6.0;
 const EVENLY_FLAT: f64 = 0.02;
 /// References are thinned while the scatter over radius of the flattest third is above this value.
 const THINNING_FLATNESS: f64 = 0.1;
+/// The consensus is repeated among the marked points so many times if their share is between these two: gross
+/// errors among the neighbours widen patches, which then pass through others. Points that fill a volume would
+/// thin out to surfaces.
+const REPEATS: usize = 2;
+const MOST: f64 = 0.5;
+const CLEAN: f64 = 0.93;
 /// A patch passes a point within this many scatters. A smaller gate loses readings in the tails of the
 /// noise, a larger one takes gross errors along.
 const GATE: f64 = 3.5;
@@ -153,8 +159,18 @@ pub fn surface_consensus(points: &[DVec3]) -> Result<Option<SurfaceConsensus>> {
     if points.len() < MIN_FOR_CONSENSUS {
         return Ok(None);
     }
-    let references = References::new(points)?;
-    let found: Vec<Judgement> = points.par_iter().with_min_len(256).map(|p| references.judge(*p)).collect();
+    let mut references = References::new(points)?;
+    let mut found = references.judge_all(points);
+    for _ in 0..REPEATS {
+        let marked: Vec<DVec3> =
+            (points.iter().zip(&found)).filter(|(_, f)| f.on_surface).map(|(p, _)| *p).collect();
+        let share = marked.len() as f64 / points.len() as f64;
+        if share > CLEAN || share < MOST || marked.len() < MIN_FOR_CONSENSUS {
+            break;
+        }
+        references = References::new(&marked)?;
+        found = references.judge_all(points);
+    }
     let on = found.iter().filter(|f| f.on_surface);
     let (count, layered) =
         on.fold((0_usize, 0_usize), |(count, layered), f| (count + 1, layered + usize::from(f.is_layered)));
@@ -218,6 +234,10 @@ impl References {
             scatter = typical;
         }
         Ok(Self { tree, patches, scatter })
+    }
+
+    fn judge_all(&self, points: &[DVec3]) -> Vec<Judgement> {
+        points.par_iter().with_min_len(256).map(|p| self.judge(*p)).collect()
     }
 
     /// Whether a point is on a surface, the normal there, and whether another surface runs parallel.
