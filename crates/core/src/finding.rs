@@ -79,6 +79,8 @@ codes! {
     // fit
     SensorSigmaMisstated = "sensor-sigma-misstated", Warning:
         "The residuals of a sensor are inconsistent with its stated σ; the estimate is used.",
+    LargerResiduals = "larger-residuals", Warning:
+        "Residuals are larger than the stated σ, perhaps by gross errors; the estimate is used.",
     SensorSigmaCautious = "sensor-sigma-cautious", Info:
         "The residuals of a sensor are smaller than its stated σ, which is kept.",
     SharedErrors = "shared-errors", Warning:

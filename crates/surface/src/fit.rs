@@ -52,6 +52,7 @@ mod smoothing;
 mod spline_error;
 mod support;
 mod surface_misfit;
+mod uneven_sigma;
 mod unresolved_shape;
 mod update;
 mod verdict;
@@ -90,6 +91,7 @@ use propagation::converge_with_propagation;
 use refine::{ConvergedFit, refine_to_noise};
 use report::rejected_readings;
 use std::sync::Arc;
+use uneven_sigma::refuse_uneven_sigma;
 
 /// A fitted model with its figures.
 pub struct Fit {
@@ -159,6 +161,10 @@ impl Fit {
 /// # Ok::<(), planish_core::Error>(())
 /// ```
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    // With known parameters, the cells are the caller's choice, and so is what they miss.
+    if !options.force && !matches!(options.strategy, Strategy::KnownParameters { .. }) {
+        refuse_uneven_sigma(set)?;
+    }
     match &options.strategy {
         Strategy::Global(global) => fit_global(set, global, options, progress),
         Strategy::Patches(patches) => patch::fit_patches(set, patches, options, progress),

@@ -77,6 +77,7 @@ impl Cell {
                 &["outlier", "rejected", "far from", "agree"]
             }
             Condition::HalfFlippedNormals | Condition::RandomNormals => &["normal"],
+            Condition::NineDecades => &["decades"],
             Condition::TwoLayers => &["layer", "surfaces", "rejected", "outlier", "agree"],
             // A curved object has more shape than a sheet: it may need more readings.
             Condition::Readings(12) => &["few", "at least", "add readings"],

@@ -13,7 +13,11 @@
 //! beyond what the surface can follow. The scale is that of the residuals within a gate: few readings far
 //! from all others are outliers.
 //!
-//! Not guaranteed: outliers that are more than half of a leaf count as shape.
+//! Readings that agree with no neighbours are left out where most others agree ([`surface_consensus`]).
+//!
+//! Not guaranteed: outliers that are more than 60 % of the readings of a neighbourhood count as shape.
+//!
+//! [`surface_consensus`]: planish_sense::surface_consensus
 //!
 //! # References
 //! Paule and Mandel, *Consensus values and weighting factors*, 1982 (an additional variance common to
@@ -24,12 +28,15 @@ use super::leaves::neighbourhood;
 use super::noise::SensorNoise;
 use crate::observe::{FootState, ProjectedReadings, Quantity, by_leaf};
 use planish_estimate::{Result, chi_square_deviation, gated_scale};
-use planish_spline::Surface;
+use planish_spline::{Hierarchy, Surface};
 use rayon::prelude::*;
 
 /// Significance of the scale of a leaf, in standard deviations of a normal variable. A lower one enlarges σ
 /// of some of thousands of leaves by chance; a higher one rejects readings that the surface should be near.
 const SIGNIFICANT: f64 = 4.0;
+/// Readings that agree with no neighbours are gross errors if more than this share of the readings around
+/// them do agree; fewer are shape that shows in no neighbourhood.
+const MIN_AGREEING: f64 = 0.4;
 
 /// Median of χ² with one degree of freedom: a normal error is smaller in half of the cases.
 const CHI_SQUARE_MEDIAN: f64 = 0.454_936;
@@ -71,7 +78,7 @@ pub(super) fn local_misfit(
     noise: &SensorNoise,
     gate: f64,
 ) -> Result<Vec<LeafMisfit>> {
-    let by_leaf = ResidualsByLeaf::new(readings, noise, surface.space().leaves().len());
+    let by_leaf = ResidualsByLeaf::new(surface.space(), readings, noise);
     (0..by_leaf.sums.len())
         .into_par_iter()
         .with_min_len(64)
@@ -153,18 +160,38 @@ impl Sums {
 }
 
 impl ResidualsByLeaf {
-    fn new(readings: ProjectedReadings<'_>, noise: &SensorNoise, leaves: usize) -> Self {
+    fn new(space: &Hierarchy, readings: ProjectedReadings<'_>, noise: &SensorNoise) -> Self {
         let ProjectedReadings { observations, feet, .. } = readings;
+        let leaves = space.leaves().len();
         let (first, order) = by_leaf(feet, leaves);
+        let counts = |k: &usize| {
+            let is_inferred = observations.channels[readings.channel(*k)].inferred;
+            feet[*k].state == FootState::Good && feet[*k].quantity == Quantity::Position && !is_inferred
+        };
+        let good = |leaf: usize| {
+            let on_leaf = &order[first[leaf] as usize..first[leaf + 1] as usize];
+            on_leaf.iter().map(|&k| k as usize).filter(counts)
+        };
+        let agrees = |k: &usize| observations.readings.on_surface[readings.subset[*k] as usize];
+        // Of each leaf, the readings and those that agree with their neighbours.
+        let tallies: Vec<[usize; 2]> =
+            (0..leaves).map(|leaf| [good(leaf).count(), good(leaf).filter(agrees).count()]).collect();
+        let has_gross_errors = |leaf: usize| {
+            let [all, agreeing] = tallies[leaf];
+            if agreeing == all {
+                return false;
+            }
+            let near = neighbourhood(space, leaf);
+            let [all, agreeing] = [0, 1].map(|i| near.iter().map(|&k| tallies[k][i]).sum::<usize>());
+            agreeing as f64 > MIN_AGREEING * all as f64
+        };
         let mut found = Self { values: Vec::new(), start: vec![0], sums: Vec::with_capacity(leaves) };
         for leaf in 0..leaves {
             let mut sums = Sums::default();
-            let on_leaf = &order[first[leaf] as usize..first[leaf + 1] as usize];
-            for k in on_leaf.iter().map(|&k| k as usize) {
-                let channel = readings.channel(k);
-                let variance = noise.variance_factors[channel] * feet[k].variance;
-                let counts = feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position;
-                if counts && variance > 0.0 && !observations.channels[channel].inferred {
+            let only_agreeing = has_gross_errors(leaf);
+            for k in good(leaf).filter(|k| !only_agreeing || agrees(k)) {
+                let variance = noise.variance_factors[readings.channel(k)] * feet[k].variance;
+                if variance > 0.0 {
                     let residual = Residual { height: feet[k].height(), variance };
                     let square = residual.height * residual.height / variance;
                     sums = sums + Sums { count: 1, square, log_variance: variance.ln() };

@@ -170,10 +170,16 @@ pub(super) fn refuse_far_larger_noise(
     for ((channel, factor), _) in of_channels.filter(|(_, is_contradicted)| **is_contradicted) {
         let ratio = factor.sqrt();
         if channel.quantity == Quantity::Position && ratio > MAX_UNDERSTATEMENT {
+            let off = off_surface_share(observations);
+            let gross = if off > MANY_OFF_SURFACE {
+                format!("{} of them agree with none of their neighbours, as gross errors do, ", percent(off))
+            } else {
+                String::new()
+            };
             return Err(Error::undetermined(format!(
                 "the readings of sensor {:?} scatter {} times as much about each other as the σ that it \
-                 states: they lie in two layers, come from several objects, or σ is in another unit; omit σ \
-                 or state a larger one if they are so noisy",
+                 states: {gross}they lie in two layers, come from several objects, or σ is in another unit; \
+                 omit σ or state a larger one if they are so noisy",
                 set.sensors[channel.sensor].name,
                 significant(ratio, 2)
             ))

@@ -171,16 +171,31 @@ pub(in crate::fit) fn common_findings(
     total: usize,
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
+    // Points of unwanted classes are no readings of this surface: they count neither as rejected nor in the
+    // total.
+    let gated = rejected_readings(rejected);
+    let wanted = total - (rejected.values().sum::<usize>() - gated);
+    let many_rejected = gated * 10 > wanted;
     for sensor in sensors {
         let sigma = |value| sigma_text(sensor, value, unit);
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
+            // Gross errors that are near the surface by chance cannot be told from errors of the sensor.
+            let (code, cause) = if many_rejected {
+                let cause = format!(
+                    ", for which the {} % of gross errors may be the cause",
+                    significant(100.0 * gated as f64 / wanted as f64, 2)
+                );
+                (FindingCode::LargerResiduals, cause)
+            } else {
+                (FindingCode::SensorSigmaMisstated, String::new())
+            };
             let text = format!(
-                "sensor {:?} states σ = {}, but its residuals indicate {}: the estimate is used",
+                "sensor {:?} states σ = {}, but its residuals indicate {}{cause}: the estimate is used",
                 sensor.name,
                 sigma(stated),
                 sigma(sensor.sigma_estimated)
             );
-            findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
+            findings.push(Finding::new(code, text));
         }
         findings.extend(smaller_residuals(sensor));
     }
@@ -210,14 +225,10 @@ pub(in crate::fit) fn common_findings(
         );
         findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }
-    // Points of unwanted classes are no readings of this surface: they count neither as rejected nor in the
-    // total.
-    let gated = rejected_readings(rejected);
-    let total = total - (rejected.values().sum::<usize>() - gated);
-    if gated * 10 > total {
+    if many_rejected {
         findings.push(Finding::new(
             FindingCode::ManyRejected,
-            format!("{gated} of {total} readings were rejected: see `rejected`"),
+            format!("{gated} of {wanted} readings were rejected: see `rejected`"),
         ));
     }
     findings
