@@ -165,7 +165,7 @@ pub fn surface_consensus(points: &[DVec3]) -> Result<Option<SurfaceConsensus>> {
         let marked: Vec<DVec3> =
             (points.iter().zip(&found)).filter(|(_, f)| f.on_surface).map(|(p, _)| *p).collect();
         let share = marked.len() as f64 / points.len() as f64;
-        if share > CLEAN || share < MOST || marked.len() < MIN_FOR_CONSENSUS {
+        if !(MOST..=CLEAN).contains(&share) || marked.len() < MIN_FOR_CONSENSUS {
             break;
         }
         references = References::new(&marked)?;

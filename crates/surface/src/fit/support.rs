@@ -17,8 +17,8 @@
 
 use crate::model::{MAX_SUPPORT_DEPTH, Observed, SupportCell, middles};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use planish_core::DVec3;
 use planish_core::vector3::{as_arrays, tangents};
+use planish_core::{DVec3, DisjointSets};
 use planish_estimate::{Error, Result};
 use planish_spline::Surface;
 use rayon::prelude::*;
@@ -37,6 +37,9 @@ const NEIGHBOURS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(23);
 /// readings, of which there are so many, itself included.
 const ALONE: f64 = 2.5;
 const CLOSE: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(8);
+/// A group of fewer readings without a link to others supports nothing, if there are so many in all.
+const MIN_ISLAND: usize = 12;
+const MIN_FOR_ISLANDS: usize = 100;
 /// Readings near a place that are examined. Within the reach are 28 of evenly spread readings.
 const CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(31);
 /// Readings whose spacing is computed; the others have that of the nearest of these. Spacing varies slowly.
@@ -105,6 +108,7 @@ impl Supporters {
                 if is_alone { 0.0 } else { *own }
             })
             .collect();
+        let limited = without_islands(&places, &nearest, limited);
         let spacing = (points.par_iter().with_min_len(256))
             .map(|p| {
                 let near = nearest.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
@@ -153,6 +157,37 @@ impl Supporters {
         }
         widest_gap(&mut directions) < PI
     }
+}
+
+/// The spacings of places, where those of small groups apart from the others are 0: a few gross errors near
+/// the continuation of a surface lie within a few of their own spacings of each other, but not within a few
+/// spacings of the surface's readings.
+fn without_islands(places: &[DVec3], tree: &ImmutableKdTree<f64, 3>, mut spacing: Vec<f64>) -> Vec<f64> {
+    if places.len() < MIN_FOR_ISLANDS {
+        return spacing;
+    }
+    let linked: Vec<Vec<u32>> = (places.par_iter().with_min_len(64).zip(&spacing))
+        .map(|(p, h)| {
+            let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
+            let is_linked = |k: u32, distance: f64| distance.sqrt() <= REACH * h.min(spacing[k as usize]);
+            near.iter().filter(|n| is_linked(n.item, n.distance)).map(|n| n.item).collect()
+        })
+        .collect();
+    let mut groups = DisjointSets::new(places.len());
+    for (k, others) in (0..).zip(&linked) {
+        for &other in others {
+            groups.join(k, other);
+        }
+    }
+    let roots = groups.into_roots();
+    let mut sizes = vec![0; places.len()];
+    roots.iter().for_each(|&root| sizes[root as usize] += 1);
+    for (h, root) in spacing.iter_mut().zip(roots) {
+        if sizes[root as usize] < MIN_ISLAND {
+            *h = 0.0;
+        }
+    }
+    spacing
 }
 
 /// A search structure of points, of which there is at least one.
@@ -333,6 +368,30 @@ mod tests {
             assert!(inside[1] as f64 <= 0.05 * inside[0] as f64, "seed {seed}: {inside:?}");
             assert!(outside[1] as f64 > 0.999 * outside[0] as f64, "seed {seed}: {outside:?}");
         }
+    }
+
+    #[test]
+    fn a_few_readings_apart_from_the_others_support_nothing() {
+        for seed in 0..5 {
+            let mut points = scattered(seed, 2500, 0.0);
+            points.extend(scattered(seed + 10, 6, 0.0).iter().map(|p| [80.0 + 0.2 * p[0], p[1]]));
+            let by = on_plane(points.clone());
+            assert!(points[2500..].iter().all(|p| !is_supported(&by, p[0] + 0.1, p[1])), "seed {seed}");
+            assert!(is_supported(&by, 0.0, 0.0));
+            // As many as a cluster they are a part of their own.
+            points.extend(scattered(seed + 20, 30, 0.0).iter().map(|p| [80.0 + 0.2 * p[0], p[1]]));
+            let by = on_plane(points.clone());
+            let supported = points[2500..].iter().filter(|p| is_supported(&by, p[0], p[1])).count();
+            assert!(supported > 25, "seed {seed}: {supported}");
+        }
+    }
+
+    #[test]
+    fn short_scan_lines_far_apart_are_no_islands() {
+        let lines =
+            (0..11).flat_map(|line| (0..11).map(move |k| [f64::from(k) * 0.25, f64::from(line) * 2.0]));
+        let by = on_plane(lines.collect());
+        assert!(is_supported(&by, 1.2, 9.0) && is_supported(&by, 1.2, 11.0));
     }
 
     #[test]
