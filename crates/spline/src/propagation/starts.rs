@@ -6,12 +6,18 @@ use super::symmetry::SymmetryKind;
 use crate::principal_axes;
 use nalgebra::{Matrix3, Vector3};
 use planish_core::{DVec3, SymmetricMatrix3};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// Number of random pairs of facets to examine, and maximum number of starts. More pairs find weaker
+/// Number of random pairs of facets to examine, and of symmetries that are compared. More pairs find weaker
 /// symmetries at a higher cost.
-const EXAMINED_PAIRS: u64 = 20_000;
+const EXAMINED_PAIRS: u64 = 60_000;
+const MAX_CANDIDATES: usize = 4000;
+/// Maximum number of starts.
 const MAX_STARTS: usize = 200;
+/// Symmetries are alike if they move points about the middle to places no farther apart than this share of
+/// the size: about the error of a symmetry from two facets.
+const ALIKE: f64 = 0.06;
 /// Minimum cosine between the normal of a facet and that of the image of its partner: 14°. Normals of
 /// matching facets differ by their errors and by the curvature over a facet.
 const MIN_COSINE: f64 = 0.97;
@@ -35,7 +41,7 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: DVec3) -> Vec<
                 })
                 .collect();
             if let Some(order) = order {
-                all.extend(random_pairs(facets, |a, b| turn_between(facets, a, b, order)));
+                all.extend(random_pairs(facets, middle, |a, b| turn_between(facets, a, b, order)));
             }
             all
         }
@@ -43,14 +49,23 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: DVec3) -> Vec<
             let through_middle = towards.into_iter().chain(axes).filter_map(DVec3::try_normalize);
             let mut all: Vec<Symmetry> =
                 through_middle.map(|normal| Symmetry::Mirror { point: middle, normal }).collect();
-            all.extend(random_pairs(facets, |a, b| plane_between(facets, a, b)));
+            all.extend(random_pairs(facets, middle, |a, b| plane_between(facets, a, b)));
             all
         }
     }
 }
 
-/// Symmetries of random pairs of facets that can be images of each other.
-fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry>) -> Vec<Symmetry> {
+/// Symmetries of random pairs of facets that can be images of each other, those that most pairs agree on
+/// first.
+///
+/// On smooth bodies most pairs are such images by chance, for all kinds of symmetries. Those of a true symmetry
+/// agree, so that it has the most votes (Mitra, Guibas and Pauly, Partial and approximate symmetry detection for
+/// 3D geometry, 2006, section 3).
+fn random_pairs(
+    facets: &Facets,
+    middle: DVec3,
+    guess: impl Fn(usize, usize) -> Option<Symmetry>,
+) -> Vec<Symmetry> {
     let count = facets.all.len() as u64;
     // A fixed seed: the same cloud gives the same symmetry.
     let mut state = 0x9E37_79B9_7F4A_7C15_u64;
@@ -65,7 +80,38 @@ fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry
         let (a, b) = (next() as usize, next() as usize);
         guess(a, b)
     });
-    candidates.take(MAX_STARTS).collect()
+    most_voted(facets, middle, candidates.take(MAX_CANDIDATES).collect())
+}
+
+/// The candidates that most others are like, without those like a better one.
+fn most_voted(facets: &Facets, middle: DVec3, candidates: Vec<Symmetry>) -> Vec<Symmetry> {
+    let reach = 0.25 * facets.size;
+    let probes = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|d| middle + reach * d);
+    let images: Vec<[DVec3; 4]> = (candidates.iter())
+        .map(|candidate| {
+            let maps = candidate.maps();
+            probes.map(|p| maps.first().map_or(p, |map| candidate.apply(*map, p)))
+        })
+        .collect();
+    let bound = (ALIKE * facets.size).powi(2);
+    let alike = |a: usize, b: usize| {
+        let squares = images[a].iter().zip(&images[b]).map(|(p, q)| p.distance_squared(*q));
+        squares.sum::<f64>() <= bound * probes.len() as f64
+    };
+    let votes: Vec<usize> = (0..candidates.len())
+        .into_par_iter()
+        .map(|a| (0..candidates.len()).filter(|&b| alike(a, b)).count())
+        .collect();
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    // Ties are broken by the number, so that the result is always the same.
+    order.sort_by_key(|&a| (std::cmp::Reverse(votes[a]), a));
+    let mut chosen: Vec<usize> = Vec::new();
+    for a in order {
+        if chosen.len() < MAX_STARTS && !chosen.iter().any(|&b| alike(a, b)) {
+            chosen.push(a);
+        }
+    }
+    chosen.into_iter().map(|a| candidates[a].clone()).collect()
 }
 
 /// The mid-plane of two facets, if it maps the normal of one to that of the other.

@@ -35,7 +35,7 @@ const START_STEPS: usize = 6;
 const STEPS: usize = 16;
 /// Number of facets used to compare starts, and number of starts to refine.
 const START_SOURCES: usize = 160;
-const REFINED_STARTS: usize = 8;
+const REFINED_STARTS: usize = 24;
 /// Maximum deviation from symmetry beyond noise, relative to the size of the cloud. A larger value accepts
 /// shapes that are only nearly symmetric, a smaller one rejects facets that are not quite quadrics (test
 /// `proposed_symmetries_exist_and_a_freeform_surface_has_none`).
