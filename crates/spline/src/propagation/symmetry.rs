@@ -33,9 +33,8 @@ const LAST_REACH: f64 = 0.9;
 /// Number of Gauss–Newton steps for a start, and for the final refinement.
 const START_STEPS: usize = 6;
 const STEPS: usize = 16;
-/// Number of facets used to compare starts, and number of starts to refine.
+/// Number of facets used to refine starts.
 const START_SOURCES: usize = 160;
-const REFINED_STARTS: usize = 24;
 /// Maximum deviation from symmetry beyond noise, relative to the size of the cloud. A larger value accepts
 /// shapes that are only nearly symmetric, a smaller one rejects facets that are not quite quadrics (test
 /// `proposed_symmetries_exist_and_a_freeform_surface_has_none`).
@@ -130,18 +129,11 @@ pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetr
     let count = facets.all.len();
     let middle = 1.0 / count as f64 * facets.all.iter().fold(DVec3::ZERO, |s, f| s + f.point);
     let stride = count.div_ceil(START_SOURCES);
-    let mut tried: Vec<(f64, Symmetry)> = starts(facets, kind, middle)
+    // Before they are refined, starts cannot be compared: a wrong plane through the middle of a smooth body maps
+    // more facets near others than a true plane of which one side was hardly seen.
+    let followed: Vec<(f64, Symmetry)> = starts(facets, kind, middle)
         .into_par_iter()
         .map(|start| {
-            let found = pairs(facets, &start, FIRST_REACH * facets.side, stride);
-            (agreement(&found, 2.0 * FIRST_DEPARTURE * facets.size), start)
-        })
-        .collect();
-    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-    tried.truncate(REFINED_STARTS);
-    let followed: Vec<(f64, Symmetry)> = tried
-        .into_par_iter()
-        .map(|(_, start)| {
             let found = refine(facets, start, middle, START_STEPS, stride);
             let met = pairs(facets, &found, FIRST_REACH * facets.side, stride);
             (agreement(&met, MAX_DEPARTURE * facets.size), found)
