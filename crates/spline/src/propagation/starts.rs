@@ -58,9 +58,9 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: DVec3) -> Vec<
 /// Symmetries of random pairs of facets that can be images of each other, those that most pairs agree on
 /// first.
 ///
-/// On smooth bodies most pairs are such images by chance, for all kinds of symmetries. Those of a true symmetry
-/// agree, so that it has the most votes (Mitra, Guibas and Pauly, Partial and approximate symmetry detection for
-/// 3D geometry, 2006, section 3).
+/// On smooth bodies most pairs are such images by chance, for all kinds of symmetries. Those of a true
+/// symmetry agree, so that it has the most votes (Mitra, Guibas and Pauly, Partial and approximate symmetry
+/// detection for 3D geometry, 2006, section 3).
 fn random_pairs(
     facets: &Facets,
     middle: DVec3,

@@ -129,8 +129,8 @@ pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetr
     let count = facets.all.len();
     let middle = 1.0 / count as f64 * facets.all.iter().fold(DVec3::ZERO, |s, f| s + f.point);
     let stride = count.div_ceil(START_SOURCES);
-    // Before they are refined, starts cannot be compared: a wrong plane through the middle of a smooth body maps
-    // more facets near others than a true plane of which one side was hardly seen.
+    // Before they are refined, starts cannot be compared: a wrong plane through the middle of a smooth body
+    // maps more facets near others than a true plane of which one side was hardly seen.
     let followed: Vec<(f64, Symmetry)> = starts(facets, kind, middle)
         .into_par_iter()
         .map(|start| {
