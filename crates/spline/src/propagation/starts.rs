@@ -111,7 +111,7 @@ fn most_voted(facets: &Facets, middle: DVec3, candidates: Vec<Symmetry>) -> Vec<
             chosen.push(a);
         }
     }
-    chosen.into_iter().map(|a| candidates[a].clone()).collect()
+    chosen.into_iter().map(|a| candidates[a]).collect()
 }
 
 /// The mid-plane of two facets, if it maps the normal of one to that of the other.
