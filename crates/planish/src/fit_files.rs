@@ -415,7 +415,11 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
 
 fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>, made: &SurfaceModel) -> Vec<Finding> {
     let mut findings = earlier.map_or_else(Vec::new, |earlier| earlier.findings.clone());
-    let size = BoundingBox::from_points(made.surface.vertices()).map_or(0.0, |b| b.longest_side());
+    // The surface reaches beyond its readings, so it is larger than the object that was measured.
+    let sizes = (set.scans.iter())
+        .filter_map(|posed| BoundingBox::from_points(&posed.scan.points))
+        .map(|bounds| bounds.longest_side());
+    let size = sizes.fold(0.0, f64::max);
     if let Some(implausible) = implausible_size(size, made.unit).filter(|_| made.unit_assumed) {
         findings.push(implausible);
     } else if set.unit.is_none() && earlier.is_none() {
