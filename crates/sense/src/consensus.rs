@@ -162,12 +162,13 @@ pub fn surface_consensus(points: &[DVec3]) -> Result<Option<SurfaceConsensus>> {
     let mut references = References::new(points)?;
     let mut found = references.judge_all(points);
     for _ in 0..REPEATS {
-        let marked: Vec<DVec3> =
-            (points.iter().zip(&found)).filter(|(_, f)| f.on_surface).map(|(p, _)| *p).collect();
-        let share = marked.len() as f64 / points.len() as f64;
-        if !(MOST..=CLEAN).contains(&share) || marked.len() < MIN_FOR_CONSENSUS {
+        let count = found.iter().filter(|f| f.on_surface).count();
+        let share = count as f64 / points.len() as f64;
+        if !(MOST..=CLEAN).contains(&share) || count < MIN_FOR_CONSENSUS {
             break;
         }
+        let marked: Vec<DVec3> =
+            (points.iter().zip(&found)).filter(|(_, f)| f.on_surface).map(|(p, _)| *p).collect();
         references = References::new(&marked)?;
         found = references.judge_all(points);
     }

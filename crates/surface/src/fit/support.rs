@@ -82,14 +82,19 @@ impl Supporters {
         let nearest = search_tree(&places)?;
         // At the rim of the data and of holes, neighbours on all sides are far away. The median over a
         // neighbourhood is that of the readings inside.
-        let smoothed: Vec<f64> = (places.par_iter().with_min_len(64).zip(&of_sample))
-            .map(|(p, own)| {
+        let neighbours: Vec<Vec<(u32, f64)>> = (places.par_iter().with_min_len(64))
+            .map(|p| {
                 let near = nearest.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
-                let own_of = |k: u32| of_sample[k as usize];
-                let mut enclosing: Vec<f64> = near.iter().filter_map(|n| own_of(n.item).enclosing).collect();
+                near.iter().map(|n| (n.item, n.distance.sqrt())).collect()
+            })
+            .collect();
+        let smoothed: Vec<f64> = (neighbours.par_iter().with_min_len(64).zip(&of_sample))
+            .map(|(near, own)| {
+                let others = || near.iter().map(|(k, _)| of_sample[*k as usize]);
+                let mut enclosing: Vec<f64> = others().filter_map(|other| other.enclosing).collect();
                 // At the rim, few are enclosed; between scan lines far apart, none is.
                 if enclosing.len() < MIN_ENCLOSED {
-                    enclosing = near.iter().map(|n| own_of(n.item).farthest).collect();
+                    enclosing = others().map(|other| other.farthest).collect();
                 }
                 let middle = enclosing.len() / 2;
                 let median = *enclosing.select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -108,7 +113,7 @@ impl Supporters {
                 if is_alone { 0.0 } else { *own }
             })
             .collect();
-        let limited = without_islands(&places, &nearest, limited);
+        let limited = without_islands(&neighbours, limited);
         let spacing = (points.par_iter().with_min_len(256))
             .map(|p| {
                 let near = nearest.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
@@ -161,26 +166,21 @@ impl Supporters {
 
 /// The spacings of places, where those of small groups apart from the others are 0: a few gross errors near
 /// the continuation of a surface lie within a few of their own spacings of each other, but not within a few
-/// spacings of the surface's readings.
-fn without_islands(places: &[DVec3], tree: &ImmutableKdTree<f64, 3>, mut spacing: Vec<f64>) -> Vec<f64> {
-    if places.len() < MIN_FOR_ISLANDS {
+/// spacings of the surface's readings. `neighbours` holds their numbers and distances for each place.
+fn without_islands(neighbours: &[Vec<(u32, f64)>], mut spacing: Vec<f64>) -> Vec<f64> {
+    if spacing.len() < MIN_FOR_ISLANDS {
         return spacing;
     }
-    let linked: Vec<Vec<u32>> = (places.par_iter().with_min_len(64).zip(&spacing))
-        .map(|(p, h)| {
-            let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(NEIGHBOURS).execute();
-            let is_linked = |k: u32, distance: f64| distance.sqrt() <= REACH * h.min(spacing[k as usize]);
-            near.iter().filter(|n| is_linked(n.item, n.distance)).map(|n| n.item).collect()
-        })
-        .collect();
-    let mut groups = DisjointSets::new(places.len());
-    for (k, others) in (0..).zip(&linked) {
-        for &other in others {
-            groups.join(k, other);
+    let mut groups = DisjointSets::new(spacing.len());
+    for (k, near) in neighbours.iter().enumerate() {
+        for &(other, distance) in near {
+            if distance <= REACH * spacing[k].min(spacing[other as usize]) {
+                groups.join(k as u32, other);
+            }
         }
     }
     let roots = groups.into_roots();
-    let mut sizes = vec![0; places.len()];
+    let mut sizes = vec![0; spacing.len()];
     roots.iter().for_each(|&root| sizes[root as usize] += 1);
     for (h, root) in spacing.iter_mut().zip(roots) {
         if sizes[root as usize] < MIN_ISLAND {

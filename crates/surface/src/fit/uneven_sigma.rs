@@ -1,10 +1,10 @@
 //! Refuses readings of one sensor whose σ spans decades.
 //!
-//! The weight of a reading is 1/σ². Where σ spans decades, the few most certain readings decide the surface
-//! alone: it passes through them whatever lies between, and the others, whose σ is far larger than what the
-//! surface misses, do not show it. Simulated surfaces of 3000 readings with σ over four decades were covered
-//! as stated, with errors of 1.0 σ; over five, errors were 1.6 to 3.4 σ, at any smallest weight that was
-//! tried.
+//! The weight of a reading is 1/σ². Where σ spans decades, the few most certain readings determine the
+//! surface alone: it passes through them whatever lies between, and the others, whose σ is far larger than
+//! what the surface misses, do not show it. Simulated surfaces of 3000 readings with σ over four decades
+//! were covered as stated, with errors of 1.0 σ; over five, errors were 1.6 to 3.4 σ, at any smallest weight
+//! that was tried.
 
 use planish_core::Setting;
 use planish_estimate::{Error, Result};

@@ -115,15 +115,12 @@ pub(super) fn judge_surface(
     input: VerdictInput<'_>,
 ) -> Result<Verdict> {
     let shape = surface.space().shape();
-    let mut as_a_whole =
-        layers(readings, input.several_scans).or_else(|| few_not_followed(readings, input, shape));
-    if as_a_whole.is_none() {
-        as_a_whole = passed_between(readings)?;
-    }
-    if let Some(text) = as_a_whole
-        && !input.force
-    {
-        return Err(Error::undetermined(text).with_setting(Setting::Force));
+    if !input.force {
+        let found =
+            layers(readings, input.several_scans).or_else(|| few_not_followed(readings, input, shape));
+        if let Some(text) = found.map_or_else(|| passed_between(readings), |text| Ok(Some(text)))? {
+            return Err(Error::undetermined(text).with_setting(Setting::Force));
+        }
     }
     let misfit = surface_misfit(readings, input.gate, input.origin)?;
     let solid = (shape == Shape::Ball).then(|| solid_of(readings.observations)).flatten();

@@ -179,7 +179,7 @@ pub(in crate::fit) fn common_findings(
     for sensor in sensors {
         let sigma = |value| sigma_text(sensor, value, unit);
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
-            // Gross errors that are near the surface by chance cannot be told from errors of the sensor.
+            // Residuals do not distinguish gross errors near the surface from errors of the sensor.
             let (code, cause) = if many_rejected {
                 let cause = format!(
                     ", for which the {} % of gross errors may be the cause",
