@@ -116,12 +116,12 @@ const MAX_EXPANSION: u64 = 100;
 /// Unpacked size that is accepted at any ratio: a size that does no harm.
 const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
 
-/// Rejects a small file that unpacks to more than the memory should hold.
+/// Rejects a small file that unpacks to far more than measurements do, whatever the memory holds.
 pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
     match unpacked > ALWAYS_ALLOWED_BYTES.saturating_add(packed.saturating_mul(MAX_EXPANSION)) {
         true => Err(Error::input(format!(
-            "{packed} compressed bytes unpack to {unpacked} or more, which would fill the memory; if the \
-             file is valid, unpack it first"
+            "{packed} compressed bytes unpack to {unpacked} or more, over {MAX_EXPANSION} times their size: \
+             the file may be damaged; if it is valid, unpack it first"
         ))),
         false => Ok(()),
     }
@@ -562,7 +562,7 @@ mod tests {
             }
         };
         assert!(error.kind() == planish_estimate::ErrorKind::Input, "{error}");
-        assert!(error.to_string().contains("would fill the memory"), "{error}");
+        assert!(error.to_string().contains("over 100 times their size"), "{error}");
         assert!(source.offset() < ALWAYS_ALLOWED_BYTES + 2 * MAX_EXPANSION * packed);
     }
 

@@ -13,6 +13,8 @@ const MAX_POINTS: usize = 100_000;
 /// Maximum number of refinements. Each halves the triangles that exceed the tolerance, which divides their
 /// error by about four.
 const ROUNDS: usize = 10;
+/// Number of new points from which all points are triangulated anew. It exceeds what ordinary faces add.
+const MANY_POINTS: usize = 2000;
 
 /// A region to triangulate.
 pub(crate) struct Filling<'a> {
@@ -86,11 +88,11 @@ impl Filling<'_> {
             if made.num_vertices() + wanted.len() > self.max_points {
                 return Err(too_many_points(made.num_vertices() + wanted.len()));
             }
-            for at in wanted {
-                let vertex = positions.len() as u32;
+            let added = wanted.into_iter().map(|at| {
                 positions.push((self.on_surface)(at));
-                made.insert(Placed { at, vertex }).map_err(refused)?;
-            }
+                Placed { at, vertex: positions.len() as u32 - 1 }
+            });
+            made = with_points(made, added.collect())?;
         }
         let inside = inside(&made);
         Ok(made
@@ -167,10 +169,29 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
             made.add_constraint(a, b);
         }
     }
-    for Corner { vertex, at } in inner.iter().copied() {
-        made.insert(Placed { at, vertex }).map_err(refused)?;
+    with_points(made, inner.iter().map(|c| Placed { at: c.at, vertex: c.vertex }).collect())
+}
+
+/// The triangulation with more points.
+///
+/// Points that are inserted one by one beside a distant corner change most triangles of the corner, which
+/// takes quadratic time for many. All points are then triangulated anew, in an order that avoids this.
+fn with_points(mut made: Triangles, added: Vec<Placed>) -> Result<Triangles> {
+    if added.len() < MANY_POINTS {
+        for placed in added {
+            made.insert(placed).map_err(refused)?;
+        }
+        return Ok(made);
     }
-    Ok(made)
+    let sides = made.undirected_edges().filter(|edge| edge.is_constraint_edge());
+    let sides: Vec<[usize; 2]> = sides.map(|edge| edge.vertices().map(|v| v.fix().index())).collect();
+    let points = made.vertices().map(|v| *v.data()).chain(added).collect();
+    let mut crossings = 0;
+    let again = Triangles::try_bulk_load_cdt(points, sides, |_| crossings += 1).map_err(refused)?;
+    match crossings {
+        0 => Ok(again),
+        _ => Err(Error::unsupported(format!("{crossings} sides of its loops cross"))),
+    }
 }
 
 /// For each triangle, true if it is in the face: an odd number of polygon sides away from the outside.
