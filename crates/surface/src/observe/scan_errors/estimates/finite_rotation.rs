@@ -68,6 +68,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
+    const DRAWS: usize = 4000;
+
     #[test]
     fn a_scan_that_turns_about_a_pivot_has_calibrated_covariance() {
         // σ of the pivot is 0.001, of the rotation 0.06, 0.03 and 0.005 rad about the axes; the arm is 100.
@@ -85,7 +87,6 @@ mod tests {
         let covariances = [linear, Matrix6::from_fn(|a, b| enlarged[a][b])];
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut means = [0.0; 2];
-        const DRAWS: usize = 4000;
         for _ in 0..DRAWS {
             let z: [f64; 6] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
             let tau = still.component_mul(&Vector3::new(z[0], z[1], z[2]));
