@@ -13,6 +13,7 @@
 //! not be the globally nearest ones. They start at the sample whose position and normal agree best, which
 //! keeps the two sides of a thin part apart.
 
+mod chord_gap;
 mod effort;
 mod findings;
 mod inputs;
@@ -29,6 +30,7 @@ use crate::assumed_unit::implausible_size;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use crate::saved;
+use chord_gap::mean_chord_gap;
 use effort::closest_of_affordable;
 use order::{Ordered, read_in_order};
 use page::compare_page;
@@ -215,6 +217,13 @@ pub(crate) fn compared(
         Compared::Mesh(mesh) => mesh_pairs(mesh, &reference, options.part, &mut report)?,
     };
     let mut shown = summarise_backward(&pairs, &reference, &mut report)?;
+    if reference.triangles.is_empty()
+        && let (Compared::Mesh(model), Some(backward)) = (model, &mut report.backward)
+    {
+        // Points allow one direction only, so no second one shows that an offset is the chord error.
+        let gap = mean_chord_gap(&model.mesh, &pairs);
+        backward.offset = backward.offset.map(|offset| offset.with_chord_gap(gap));
+    }
     progress.check("forward", 0.6)?;
     if reference.triangles.is_empty() {
         report.findings.push(Finding::new(
@@ -309,6 +318,8 @@ struct Pair {
     normal: DVec3,
     /// The model's σ along it.
     sigma: Option<f64>,
+    /// The triangle of the foot, and the foot's barycentric weights there; none on a spline.
+    facet: Option<(u32, [f64; 3])>,
 }
 
 fn summarise_backward(
@@ -393,6 +404,7 @@ fn surface_pairs(
             foot: feet[point].jet.point,
             normal: feet[point].normal,
             sigma: Some(sigma),
+            facet: None,
         })
         .collect())
 }
@@ -459,6 +471,7 @@ fn mesh_pairs(
                 foot: foot.point,
                 normal: foot.normal,
                 sigma: model.sigma.as_ref().map(interpolate),
+                facet: Some((foot.triangle, foot.barycentric)),
             });
         }
     }

@@ -31,7 +31,8 @@ const ITERATIONS: usize = 50;
 pub struct CommonOffset {
     /// Robust mean of the deviations, in the model's unit. Each place counts once, whatever its density.
     pub value: f64,
-    /// σ of `value` with the spatial correlation of the deviations, in the same unit.
+    /// σ of `value` with the spatial correlation of the deviations, in the same unit. If points are compared
+    /// with a mesh, the chord error of the mesh is part of it.
     pub sigma: f64,
     /// Root mean square of the deviations without the offset, in the same unit.
     pub rms_without: f64,
@@ -89,6 +90,15 @@ impl CommonOffset {
             degrees,
             scale,
         })
+    }
+
+    /// The same with the mean height `gap` of the unknown smooth surface over the facets as an error.
+    ///
+    /// Points against a mesh have one direction only, so a chord error looks like an offset. It is not
+    /// subtracted, because nothing states that the facets are chords.
+    #[must_use]
+    pub(super) fn with_chord_gap(self, gap: f64) -> Self {
+        Self { sigma: self.sigma.hypot(gap), ..self }
     }
 
     /// Whether the offset is significant, and not small compared with the other deviations.

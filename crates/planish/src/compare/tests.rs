@@ -53,6 +53,25 @@ fn a_model_outside_its_reference_is_positive_in_both_directions() {
 }
 
 #[test]
+fn the_chord_error_of_a_mesh_is_in_the_offset_of_points() {
+    // Vertices of the mesh lie on the unit sphere, as do the points but for their noise.
+    for (seed, level) in [(1, 3), (2, 4), (3, 4), (4, 5)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let cloud = (0..4_000).map(|_| {
+            let n = DVec3::from_array([(); 3].map(|()| standard_normal(&mut rng))).normalize();
+            (1.0 + 0.005 * standard_normal(&mut rng)) * n
+        });
+        let reference = points(cloud.collect());
+        let mesh = ComparedMesh { mesh: icosphere(1.0, level), sigma: None, observed: None, unit: None };
+        let offset = compared(&Compared::Mesh(mesh), reference).backward.unwrap().offset.unwrap();
+        println!("level {level}: {offset:?}");
+        assert!(offset.value.abs() < 3.0 * offset.sigma, "level {level}: {offset:?}");
+        // It is no excuse for more than that.
+        assert!(offset.sigma < 1.2 * offset.value.abs() + 3e-4, "level {level}: {offset:?}");
+    }
+}
+
+#[test]
 fn signs_follow_the_normals_of_the_reference_then_of_the_model() {
     let model = measured(Shape::Ball);
     let small = icosphere(0.9, 3);

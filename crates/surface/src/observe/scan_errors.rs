@@ -56,6 +56,8 @@ pub(crate) struct ScanError {
     pub scan: usize,
     /// Which of the seven unknowns it has.
     unknowns: Vec<usize>,
+    /// True if the pose has no stated σ and is estimated all the same.
+    is_free: bool,
     /// σ of translation, rotation and bias; zero where exact.
     sigmas: [f64; 3],
     /// Centre of rotations.
@@ -279,6 +281,7 @@ impl ScanErrors {
                     stated.translation
                 },
                 unknowns,
+                is_free,
                 sigmas,
                 stated,
                 now: stated,

@@ -1,8 +1,11 @@
 //! Estimated poses and biases with their covariances, and their report.
 
-use super::{BIAS, MIN_VARIANCE_REDUCTION, ScanErrors};
+mod finite_rotation;
+
+use super::{BIAS, MAX_STEP, MIN_VARIANCE_REDUCTION, ScanErrors};
 use crate::model::ScanPoseReport;
 use crate::observe::ReadingColumns;
+use finite_rotation::add_finite_rotation;
 use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_estimate::sparse::Bordered;
@@ -17,7 +20,8 @@ pub(crate) struct ScanErrorEstimate {
     pub pose: Pose,
     /// Covariance of translation and rotation vector about the world's axes; none if the pose is exact.
     pub covariance: Option<[[f64; 6]; 6]>,
-    /// Directions that the readings do not determine, each as long as one σ of the prior.
+    /// Directions that the readings do not determine, each as long as one σ of the prior. σ of a free pose
+    /// must be below [`MAX_STEP`] of its prior's: the covariance is linearised.
     pub undetermined: Vec<[f64; 6]>,
     /// The bias and its σ.
     pub bias: Option<(f64, f64)>,
@@ -70,11 +74,18 @@ impl ScanErrors {
                         })
                         .sum()
                 };
-                let pose: [[f64; 6]; 6] =
+                let mut pose: [[f64; 6]; 6] =
                     std::array::from_fn(|a| std::array::from_fn(|b| covariance_of(a, b)));
+                add_finite_rotation(&mut pose);
                 let own: Vec<f64> =
                     (0..m * m).map(|k| prior[(start + k / m) * width + start + k % m]).collect();
-                let directions = bordered.undetermined(start..start + m, &own, MIN_VARIANCE_REDUCTION)?;
+                // The prior of a free pose only makes the equations solvable, so being better than it is not
+                // enough. A stated σ is information.
+                let reduction = match error.is_free {
+                    true => 1.0 - MAX_STEP * MAX_STEP,
+                    false => MIN_VARIANCE_REDUCTION,
+                };
+                let directions = bordered.undetermined(start..start + m, &own, reduction)?;
                 let of_pose = |v: &Vec<f64>| -> [f64; 6] {
                     std::array::from_fn(|a| error.unknowns.iter().zip(v).map(|(&k, v)| j[a][k] * v).sum())
                 };
