@@ -202,7 +202,7 @@ const SIGNATURES: [(&[u8], &str, &[&str]); 4] = [
     (b"ply", "PLY", &["ply"]),
     (b"# .PCD", "PCD", &["pcd"]),
     (b"LASF", "LAS", &["las", "laz"]),
-    (b"PK\x03\x04", "zip", &["zip"]),
+    (b"PK\x03\x04", "zip", &["zip", "npz"]),
 ];
 
 /// Error for a file whose first bytes show another format than its extension; none if they do not.

@@ -259,9 +259,9 @@ impl ModelError {
         let best = starts.map(|s| (cost(&s), s)).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, start)) = best else { return };
         let free: &[usize] = if noise.is_some() { &[1, 2, 3] } else { &[0, 1, 2, 3] };
-        let at = pattern_search(start, free, &[1.5, 0.7, 0.3, 0.1], &cost).1;
+        let at = pattern_search(start, free, &[1.5, 0.7, 0.3, 0.1], cost).1;
         let free: Vec<usize> = free.iter().copied().filter(|k| *k != 2).collect();
-        (self.variances, self.degrees) = averaged_over_smooth(at, &free, pixels.len(), &cost);
+        (self.variances, self.degrees) = averaged_over_smooth(at, &free, pixels.len(), cost);
     }
 
     /// The ambient share by generalised least squares over the pixels.
