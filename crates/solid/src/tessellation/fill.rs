@@ -6,6 +6,7 @@ use super::polygon::Corner;
 use crate::brep::{Face, FaceSurface};
 use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
+use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 /// Maximum number of points of a face. It bounds time and memory; faces that need more are rejected.
@@ -161,10 +162,7 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
             // Crossing sides are reported instead of split: a new vertex on a side would not be in the
             // neighbouring face.
             if !made.can_add_constraint(a, b) {
-                let p = made.vertex(a).data().at;
-                return Err(Error::unsupported(format!(
-                    "sides of its loops cross near the parameters {p:?}"
-                )));
+                return Err(crossing(&made, a));
             }
             made.add_constraint(a, b);
         }
@@ -175,23 +173,41 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
 /// The triangulation with more points.
 ///
 /// Points that are inserted one by one beside a distant corner change most triangles of the corner, which
-/// takes quadratic time for many. All points are then triangulated anew, in an order that avoids this.
-fn with_points(mut made: Triangles, added: Vec<Placed>) -> Result<Triangles> {
+/// takes quadratic time for many. All points are then triangulated anew, in an order that avoids this. The
+/// sides are added last: with them, `bulk_load_cdt` of spade 2.15 gave triangulations with gaps.
+fn with_points(made: Triangles, added: Vec<Placed>) -> Result<Triangles> {
     if added.len() < MANY_POINTS {
-        for placed in added {
-            made.insert(placed).map_err(refused)?;
-        }
-        return Ok(made);
+        return one_by_one(made, added);
     }
     let sides = made.undirected_edges().filter(|edge| edge.is_constraint_edge());
-    let sides: Vec<[usize; 2]> = sides.map(|edge| edge.vertices().map(|v| v.fix().index())).collect();
-    let points = made.vertices().map(|v| *v.data()).chain(added).collect();
-    let mut crossings = 0;
-    let again = Triangles::try_bulk_load_cdt(points, sides, |_| crossings += 1).map_err(refused)?;
-    match crossings {
-        0 => Ok(again),
-        _ => Err(Error::unsupported(format!("{crossings} sides of its loops cross"))),
+    let sides: Vec<_> = sides.map(|edge| edge.vertices().map(|v| v.fix())).collect();
+    let points: Vec<Placed> = made.vertices().map(|v| *v.data()).chain(added.iter().copied()).collect();
+    let count = points.len();
+    let mut again = Triangles::bulk_load_cdt(points, Vec::new()).map_err(refused)?;
+    // Points keep their order, unless two were at one position.
+    if again.num_vertices() != count {
+        return one_by_one(made, added);
     }
+    for [a, b] in sides {
+        if !again.can_add_constraint(a, b) {
+            return Err(crossing(&again, a));
+        }
+        again.add_constraint(a, b);
+    }
+    Ok(again)
+}
+
+fn one_by_one(mut made: Triangles, added: Vec<Placed>) -> Result<Triangles> {
+    for placed in added {
+        made.insert(placed).map_err(refused)?;
+    }
+    Ok(made)
+}
+
+/// The error for a side from this corner that crosses another one.
+fn crossing(made: &Triangles, corner: FixedVertexHandle) -> Error {
+    let p = made.vertex(corner).data().at;
+    Error::unsupported(format!("sides of its loops cross near the parameters {p:?}"))
 }
 
 /// For each triangle, true if it is in the face: an odd number of polygon sides away from the outside.
