@@ -37,8 +37,10 @@ const NEIGHBOURS: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(23);
 /// readings, of which there are so many, itself included.
 const ALONE: f64 = 2.5;
 const CLOSE: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(8);
-/// A group of fewer readings without a link to others supports nothing, if there are so many in all.
+/// A group of fewer readings without a link to others supports nothing, if there are so many in all. Of a
+/// sample of the readings, a group has at least so many.
 const MIN_ISLAND: usize = 12;
+const MIN_SAMPLED_ISLAND: usize = 4;
 const MIN_FOR_ISLANDS: usize = 100;
 /// Readings near a place that are examined. Within the reach are 28 of evenly spread readings.
 const CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(31);
@@ -74,7 +76,8 @@ impl Supporters {
             return Ok(None);
         }
         let tree = search_tree(&points)?;
-        let sample: Vec<usize> = (0..points.len()).step_by(points.len().div_ceil(MAX_SAMPLE)).collect();
+        let step = points.len().div_ceil(MAX_SAMPLE);
+        let sample: Vec<usize> = (0..points.len()).step_by(step).collect();
         let places: Vec<DVec3> = sample.iter().map(|&k| points[k]).collect();
         let of_sample: Vec<OwnSpacings> = (sample.par_iter().with_min_len(64))
             .map(|&k| own_spacings(&tree, &points, points[k], normals[k]))
@@ -113,7 +116,7 @@ impl Supporters {
                 if is_alone { 0.0 } else { *own }
             })
             .collect();
-        let limited = without_islands(&neighbours, limited);
+        let limited = without_islands(&neighbours, limited, step);
         let spacing = (points.par_iter().with_min_len(256))
             .map(|p| {
                 let near = nearest.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
@@ -167,14 +170,18 @@ impl Supporters {
 /// The spacings of places, where those of small groups apart from the others are 0: a few gross errors near
 /// the continuation of a surface lie within a few of their own spacings of each other, but not within a few
 /// spacings of the surface's readings. `neighbours` holds their numbers and distances for each place.
-fn without_islands(neighbours: &[Vec<(u32, f64)>], mut spacing: Vec<f64>) -> Vec<f64> {
+///
+/// The places are those of every `step`th reading, which are √step spacings of the readings apart.
+fn without_islands(neighbours: &[Vec<(u32, f64)>], mut spacing: Vec<f64>, step: usize) -> Vec<f64> {
     if spacing.len() < MIN_FOR_ISLANDS {
         return spacing;
     }
+    let reach = REACH * (step as f64).sqrt();
+    let fewest = MIN_ISLAND.div_ceil(step).max(MIN_SAMPLED_ISLAND);
     let mut groups = DisjointSets::new(spacing.len());
     for (k, near) in neighbours.iter().enumerate() {
         for &(other, distance) in near {
-            if distance <= REACH * spacing[k].min(spacing[other as usize]) {
+            if distance <= reach * spacing[k].min(spacing[other as usize]) {
                 groups.join(k as u32, other);
             }
         }
@@ -183,7 +190,7 @@ fn without_islands(neighbours: &[Vec<(u32, f64)>], mut spacing: Vec<f64>) -> Vec
     let mut sizes = vec![0; spacing.len()];
     roots.iter().for_each(|&root| sizes[root as usize] += 1);
     for (h, root) in spacing.iter_mut().zip(roots) {
-        if sizes[root as usize] < MIN_ISLAND {
+        if sizes[root as usize] < fewest {
             *h = 0.0;
         }
     }
@@ -367,6 +374,17 @@ mod tests {
             // Where readings happen to be sparse, their reach is longer.
             assert!(inside[1] as f64 <= 0.05 * inside[0] as f64, "seed {seed}: {inside:?}");
             assert!(outside[1] as f64 > 0.999 * outside[0] as f64, "seed {seed}: {outside:?}");
+        }
+    }
+
+    /// Spacings are those of all readings, also where they are computed for a sample.
+    #[test]
+    fn many_readings_support_the_surface_between_them() {
+        for count in [30_000, 500_000] {
+            let by = on_plane(scattered(7, count, 0.0));
+            let inside = (0..10_000).map(|k| [k % 100, k / 100].map(|c| f64::from(c) * 0.95 - 47.0));
+            let supported = inside.filter(|[x, y]| is_supported(&by, *x, *y)).count();
+            assert!(supported > 9990, "{count}: {supported}");
         }
     }
 
