@@ -117,10 +117,13 @@ impl Supporters {
             })
             .collect();
         let limited = without_islands(&neighbours, limited, step);
+        // A gross error outside of the sample would have the spacing of a reading far away.
+        let reach = REACH * (step as f64).sqrt();
         let spacing = (points.par_iter().with_min_len(256))
             .map(|p| {
                 let near = nearest.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
-                limited[near.item as usize]
+                let own = limited[near.item as usize];
+                if near.distance.sqrt() <= reach * own { own } else { 0.0 }
             })
             .collect();
         Ok(Some(Self { points, normals, spacing, tree }))
@@ -436,11 +439,15 @@ mod tests {
 
     #[test]
     fn a_lone_reading_supports_no_surface_around_it() {
-        let mut points = scattered(6, 10_000, 0.0);
-        points.extend([[75.0, 3.0], [-20.0, 90.0]]);
-        let by = on_plane(points);
-        assert!(!is_supported(&by, 74.0, 3.0) && !is_supported(&by, -20.0, 80.0));
-        assert!(is_supported(&by, 49.0, 49.0), "at a corner of the data");
+        for count in [10_000, 200_000] {
+            let mut points = scattered(6, count, 0.0);
+            points.extend([[75.0, 3.0], [-20.0, 90.0]]);
+            let by = on_plane(points);
+            for [x, y] in [[74.9, 3.0], [74.0, 3.0], [-20.0, 80.0], [-20.0, 89.9]] {
+                assert!(!is_supported(&by, x, y), "{count}: ({x}, {y})");
+            }
+            assert!(is_supported(&by, 49.8, 49.8), "{count}: at a corner of the data");
+        }
     }
 
     #[test]
