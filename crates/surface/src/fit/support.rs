@@ -116,9 +116,11 @@ impl Supporters {
                 if is_alone { 0.0 } else { *own }
             })
             .collect();
-        let limited = without_islands(&neighbours, limited, step);
-        // A gross error outside of the sample would have the spacing of a reading far away.
+        // Places of the sample are √step spacings of the readings apart.
         let reach = REACH * (step as f64).sqrt();
+        let fewest = MIN_ISLAND.div_ceil(step).max(MIN_SAMPLED_ISLAND);
+        let limited = without_islands(&neighbours, limited, reach, fewest);
+        // A gross error outside of the sample would have the spacing of a reading far away.
         let spacing = (points.par_iter().with_min_len(256))
             .map(|p| {
                 let near = nearest.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
@@ -172,15 +174,17 @@ impl Supporters {
 
 /// The spacings of places, where those of small groups apart from the others are 0: a few gross errors near
 /// the continuation of a surface lie within a few of their own spacings of each other, but not within a few
-/// spacings of the surface's readings. `neighbours` holds their numbers and distances for each place.
-///
-/// The places are those of every `step`th reading, which are √step spacings of the readings apart.
-fn without_islands(neighbours: &[Vec<(u32, f64)>], mut spacing: Vec<f64>, step: usize) -> Vec<f64> {
+/// spacings of the surface's readings. `neighbours` holds their numbers and distances for each place; links
+/// are up to `reach` spacings long, and a small group has less than `fewest` places.
+fn without_islands(
+    neighbours: &[Vec<(u32, f64)>],
+    mut spacing: Vec<f64>,
+    reach: f64,
+    fewest: usize,
+) -> Vec<f64> {
     if spacing.len() < MIN_FOR_ISLANDS {
         return spacing;
     }
-    let reach = REACH * (step as f64).sqrt();
-    let fewest = MIN_ISLAND.div_ceil(step).max(MIN_SAMPLED_ISLAND);
     let mut groups = DisjointSets::new(spacing.len());
     for (k, near) in neighbours.iter().enumerate() {
         for &(other, distance) in near {
