@@ -18,6 +18,7 @@
 //! Not guaranteed: parts thinner than a neighbourhood, wires for example, have no flat plane and are not
 //! marked. A cluster of gross errors that itself forms a surface is marked.
 
+use crate::neighbours::surrounding;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{SMatrix, SVector};
 use planish_core::DVec3;
@@ -67,6 +68,8 @@ const MAX_DISTANCE_RADII: f64 = 1.2;
 /// References that are asked about a point, and how many patches have to pass it.
 const ASKED: usize = 6;
 const MIN_VOTES: usize = 2;
+/// Normals agree alike with the others if the sums of their cosines are within this factor.
+const ALIKE: f64 = 0.95;
 /// A patch that passes a point at more than this many scatters belongs to another layer if its normal is
 /// parallel up to 25°.
 const LAYER_GATE: f64 = 7.0;
@@ -245,7 +248,7 @@ impl References {
     fn judge(&self, p: DVec3) -> Judgement {
         let asked = NonZero::new(ASKED.min(self.patches.len())).unwrap_or(NonZero::<usize>::MIN);
         let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
-        let (mut votes, mut least, mut best) = (0, f64::MAX, None);
+        let mut passing: Vec<(DVec3, f64)> = Vec::with_capacity(ASKED);
         let mut others: Vec<&Patch> = Vec::new();
         for neighbour in near {
             let patch = &self.patches[neighbour.item as usize];
@@ -255,18 +258,21 @@ impl References {
             }
             let off = patch.distance(p - patch.middle) / patch.scatter;
             if off <= GATE {
-                votes += 1;
-                if off < least {
-                    (least, best) = (off, Some(patch));
-                }
+                passing.push((patch.normal(p - patch.middle), off));
             } else if off > LAYER_GATE {
                 others.push(patch);
             }
         }
-        let Some(patch) = best.filter(|_| votes >= MIN_VOTES) else {
+        if passing.len() < MIN_VOTES {
             return Judgement::default();
-        };
-        let normal = patch.normal(p - patch.middle);
+        }
+        // A patch across a row of points passes all of them, so others have to agree with the normal. Of
+        // those that agree alike the nearest counts.
+        let agreement = |normal: DVec3| passing.iter().map(|(other, _)| other.dot(normal).abs()).sum::<f64>();
+        let most = passing.iter().map(|(normal, _)| agreement(*normal)).fold(0.0, f64::max);
+        let nearest = (passing.iter().filter(|(normal, _)| agreement(*normal) >= ALIKE * most))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let normal = nearest.map_or(DVec3::ZERO, |(normal, _)| *normal);
         let is_parallel = |other: &&&Patch| other.normal(p - other.middle).dot(normal).abs() > PARALLEL;
         let parallel = others.iter().filter(is_parallel).count();
         Judgement { on_surface: true, normal, is_layered: parallel >= MIN_VOTES }
@@ -313,10 +319,10 @@ fn tree_of(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
 fn patch_around(points: &[DVec3], tree: &ImmutableKdTree<f64, 3>, i: usize) -> Patch {
     let k = (points.len() / NEIGHBOURS_SHARE).clamp(MIN_NEIGHBOURS, NEIGHBOURS).min(points.len());
     let count = NonZero::new(k).unwrap_or(NonZero::<usize>::MIN);
-    let found = tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
+    let found = surrounding(tree, points, points[i], count);
     // About the reference: far from the origin, products of coordinates lose the digits that matter here.
-    let near: Vec<DVec3> = found.iter().map(|n| points[n.item as usize] - points[i]).collect();
-    let radius = found.iter().map(|n| n.distance).fold(0.0_f64, f64::max).sqrt();
+    let near: Vec<DVec3> = found.iter().map(|&j| points[j as usize] - points[i]).collect();
+    let radius = near.iter().map(|d| d.length()).fold(0.0_f64, f64::max);
     let none = Patch {
         middle: points[i],
         frame: [DVec3::ZERO; 3],

@@ -38,6 +38,7 @@ mod edges;
 mod ground;
 mod image;
 mod neighbour_noise;
+mod neighbours;
 mod normals;
 pub mod occluding;
 mod photometric;

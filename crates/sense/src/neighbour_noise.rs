@@ -17,7 +17,7 @@
 
 mod quadric;
 
-use crate::normals::tree;
+use crate::neighbours::tree;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_core::DVec3;
 use planish_estimate::gated_scale_from;

@@ -6,11 +6,11 @@
 //!
 //! Not guaranteed: without a viewpoint, distant parts of a cloud may be oriented differently.
 
+use crate::neighbours::{flattest_direction, mean, on_one_line, places, share_on_line, surrounding, tree};
 use crate::{Scan, Viewing};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use kiddo::SquaredEuclidean;
 use planish_core::DVec3;
-use planish_core::vector3::as_arrays;
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
 use std::num::NonZero;
@@ -259,7 +259,10 @@ pub fn cloud_geometry(points: &[DVec3], k: usize) -> Result<CloudGeometry> {
             let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute();
             let sample: Vec<DVec3> = near.iter().map(|n| points[n.item as usize]).collect();
             let distance = near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / near.len() as f64;
-            let (normal, flatness) = flattest_direction(&sample);
+            let (mut normal, flatness) = flattest_direction(&sample);
+            if on_one_line(share_on_line(&sample, *p), sample.len()) {
+                normal = flattest_direction(&places(&surrounding(&tree, points, *p, k), points)).0;
+            }
             let others: Vec<DVec3> = sample.iter().copied().filter(|q| q != p).collect();
             let count = others.len().max(1) as f64;
             let middle = mean(&others);
@@ -311,65 +314,6 @@ pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
     Some(*found.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-pub(crate) fn tree(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
-    if points.len() < 3 {
-        return Err(Error::undetermined(format!(
-            "expected at least 3 points for normals, found {}",
-            points.len()
-        )));
-    }
-    ImmutableKdTree::new_from_slice(as_arrays(points))
-        .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
-}
-
-/// The mean of points; the origin where there are none.
-fn mean(points: &[DVec3]) -> DVec3 {
-    let sum = points.iter().sum::<DVec3>();
-    1.0 / points.len().max(1) as f64 * sum
-}
-
-/// The eigenvector of least variance of a few points and that variance over the sum of all three, by the
-/// closed form for symmetric 3 × 3 matrices.
-pub(crate) fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
-    let mean = mean(points);
-    let mut m = [DVec3::ZERO; 3];
-    for p in points {
-        let d = *p - mean;
-        for i in 0..3 {
-            m[i] += d[i] * d;
-        }
-    }
-    let trace = m[0][0] + m[1][1] + m[2][2];
-    if trace <= 0.0 {
-        return (DVec3::ZERO, 1.0);
-    }
-    let q = trace / 3.0;
-    let off = m[0][1].powi(2) + m[0][2].powi(2) + m[1][2].powi(2);
-    let p =
-        (((m[0][0] - q).powi(2) + (m[1][1] - q).powi(2) + (m[2][2] - q).powi(2) + 2.0 * off) / 6.0).sqrt();
-    if p <= 1e-12 * trace {
-        return (DVec3::ZERO, 1.0);
-    }
-    // The trigonometric solution for the smallest eigenvalue, without iteration: this runs for every point.
-    // It loses accuracy for nearly equal eigenvalues, for which the normal is arbitrary anyway.
-    let less = |diagonal: f64| -> [DVec3; 3] {
-        std::array::from_fn(|i| {
-            let mut row = m[i];
-            row[i] -= diagonal;
-            row
-        })
-    };
-    let b = less(q).map(|row| row / p);
-    let r = (0.5 * b[0].dot(b[1].cross(b[2]))).clamp(-1.0, 1.0);
-    let smallest = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
-    let shifted = less(smallest);
-    // The null vector is the longest of the rows' cross products.
-    let candidates =
-        [shifted[0].cross(shifted[1]), shifted[1].cross(shifted[2]), shifted[2].cross(shifted[0])];
-    let best = candidates.into_iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap_or(DVec3::ZERO);
-    (best.normalize_or_zero(), smallest / trace)
-}
-
 /// Flips normals so that neighbours agree. It starts from the fixed ones. A part of the cloud that they do
 /// not reach is turned so that the sum of `n · (p − c)` over its points `p` with centre `c` is positive:
 /// for a closed surface it is three times the volume over the area of a point, whatever the shape.
@@ -384,7 +328,10 @@ pub(crate) fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
 pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k: usize) -> Result<()> {
     let tree = tree(points)?;
     let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
-    let mut growth = NormalGrowth { points, tree, k, done: fixed.to_vec(), queue: BinaryHeap::new() };
+    let neighbours = (points.par_iter().with_min_len(256))
+        .map(|p| surrounding(&tree, points, *p, k).into_boxed_slice())
+        .collect();
+    let mut growth = NormalGrowth { neighbours, done: fixed.to_vec(), queue: BinaryHeap::new() };
     for i in (0..points.len()).filter(|&i| fixed[i]) {
         growth.push_neighbours(normals, i);
     }
@@ -417,20 +364,17 @@ pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k
 }
 
 /// The greedy growth of [`orient_normals`].
-struct NormalGrowth<'a> {
-    points: &'a [DVec3],
-    tree: ImmutableKdTree<f64, 3>,
-    k: NonZero<usize>,
+struct NormalGrowth {
+    /// The points around each.
+    neighbours: Vec<Box<[u32]>>,
     done: Vec<bool>,
     /// Agreement, and the numbers of a point and of its neighbour that is done.
     queue: BinaryHeap<(u64, u32, u32)>,
 }
 
-impl NormalGrowth<'_> {
+impl NormalGrowth {
     fn neighbours(&self, i: usize) -> impl Iterator<Item = usize> {
-        let found =
-            self.tree.query(self.points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(self.k).execute();
-        found.into_iter().map(|near| near.item as usize)
+        self.neighbours[i].iter().map(|&j| j as usize)
     }
 
     fn push_neighbours(&mut self, normals: &[DVec3], i: usize) {

@@ -249,6 +249,7 @@ fn fit_in_batches(
     };
     // The intake did not separate the ground again, but the weights of readings depend on this mark.
     observations.intake.ground = global.ground.is_some();
+    observations.intake.later_batches = batches.count - 1;
     let origin = observations.recentre();
     observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.02)?;

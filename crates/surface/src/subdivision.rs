@@ -48,6 +48,8 @@ impl RefineBy {
 pub(crate) enum Cause {
     /// Its residuals are correlated.
     Residuals,
+    /// A cubic spline of its size misses more than σ of the surface.
+    SplineError,
     /// Its curvature varies.
     Curvature,
     /// It is wider than the smoothing length.
@@ -62,6 +64,7 @@ impl Cause {
     fn name(self) -> &'static str {
         match self {
             Self::Residuals => "residuals",
+            Self::SplineError => "spline",
             Self::Curvature => "curvature",
             Self::Roughness => "roughness",
             Self::Grading => "grading",

@@ -9,7 +9,8 @@ use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
 use planish_exchange::ScanSet;
 use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
-use rand::SeedableRng;
+use planish_surface::model::Posterior;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -182,4 +183,51 @@ fn the_model_does_not_depend_on_the_number_of_threads() {
         vertices.chain(data.values()).map(|x| x.to_bits()).collect::<Vec<u64>>()
     });
     assert!(bits.iter().all(|b| *b == bits[0]));
+}
+
+/// Distance of a point from the wavy tube of [`precise_readings_of_a_wavy_tube_are_covered`], to first order.
+fn from_wavy_tube(p: DVec3) -> f64 {
+    let angle = p.y.atan2(p.x);
+    let radius = 20.0 + 1.5 * (p.z / 9.0).sin() + 0.8 * (3.0 * angle + p.z / 30.0).cos();
+    let around = -2.4 * (3.0 * angle + p.z / 30.0).sin();
+    let along = 1.5 / 9.0 * (p.z / 9.0).cos() + around / 90.0;
+    (p.x.hypot(p.y) - radius) / (1.0 + along * along + (around / radius).powi(2)).sqrt()
+}
+
+/// With precise readings, what the cells miss of a smooth shape is as large as σ of the surface, though no
+/// reading shows it: the cells have to be small enough, and must not keep the error of larger ones (decision
+/// 0107).
+#[test]
+fn precise_readings_of_a_wavy_tube_are_covered() {
+    let (mut squares, mut count) = (0.0, 0.0);
+    for seed in 1..4 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let points = (0..40_000)
+            .map(|_| {
+                let (angle, z) =
+                    (std::f64::consts::TAU * random.random::<f64>(), 100.0 * random.random::<f64>());
+                let mut r = 20.0;
+                for _ in 0..3 {
+                    r -= from_wavy_tube(DVec3::new(r * angle.cos(), r * angle.sin(), z));
+                }
+                let noise = DVec3::from_array(std::array::from_fn(|_| StandardNormal.sample(&mut random)));
+                DVec3::new(r * angle.cos(), r * angle.sin(), z) + 0.0058 * noise
+            })
+            .collect();
+        let fitted = run(&common::probed(points, None, Some(0.0058)), Shape::Tube);
+        let posterior = fitted.posterior();
+        let surface = &fitted.model.surface;
+        for leaf in
+            (0..surface.space().leaves().len()).filter(|&leaf| fitted.model.observed[leaf].is_measured())
+        {
+            let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+            let sigma =
+                Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), [0.5; 2], jet.normal().unwrap());
+            squares += (from_wavy_tube(jet.point) / sigma).powi(2);
+            count += 1.0;
+        }
+    }
+    let mean = squares / count;
+    println!("mean square of normalised errors {mean:.3} at {count} places");
+    assert!((0.8..1.15).contains(&mean), "{mean}");
 }

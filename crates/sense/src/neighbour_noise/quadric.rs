@@ -1,6 +1,6 @@
 //! Prediction of a point from a quadric through its neighbours.
 
-use crate::normals::flattest_direction;
+use crate::neighbours::flattest_direction;
 use planish_core::{DVec3, vector3::tangents};
 
 /// Coefficients of a quadric `z = a + b x + c y + d x² + e x y + f y²`.

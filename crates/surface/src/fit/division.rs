@@ -26,6 +26,9 @@ pub(super) struct Misfit {
     pub corner: [f64; 2],
 }
 
+/// Signs of the four corners of a leaf.
+pub(super) const CORNERS: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+
 /// The deepest level that is allowed.
 pub(super) fn deepest(options: &FitOptions) -> u8 {
     options.max_depth.map_or(MAX_DEPTH, |depth| MAX_DEPTH.min(depth))
@@ -84,20 +87,13 @@ pub(super) fn log_divisions(
         let own = misfits.iter().filter(|m| m.cause == cause);
         blocks(space, own).into_iter().collect()
     };
-    let (residuals, curvature, roughness) =
-        (leaves_of(Cause::Residuals), leaves_of(Cause::Curvature), leaves_of(Cause::Roughness));
+    let causes = [Cause::Residuals, Cause::SplineError, Cause::Curvature, Cause::Roughness]
+        .map(|cause| (cause, leaves_of(cause)));
     // Grading divides leaves that no misfit asked for, so the log compares the two hierarchies.
     let kept: HashSet<Cell> = finer.leaves().iter().copied().collect();
     for (leaf, cell) in space.leaves().iter().enumerate().filter(|(_, cell)| !kept.contains(cell)) {
-        let cause = if residuals.contains(&leaf) {
-            Cause::Residuals
-        } else if curvature.contains(&leaf) {
-            Cause::Curvature
-        } else if roughness.contains(&leaf) {
-            Cause::Roughness
-        } else {
-            Cause::Grading
-        };
+        let own = causes.iter().find(|(_, leaves)| leaves.contains(&leaf));
+        let cause = own.map_or(Cause::Grading, |(cause, _)| *cause);
         log.add(usize::from(cell.level), cause, 1);
     }
 }

@@ -7,7 +7,7 @@
 //! counted: their mean is zero under independent noise of any size, so the noise need not be known exactly.
 
 use super::FitOptions;
-use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit, blocks, chance_misfits, deepest};
+use super::division::{CORNERS, MIN_LEAF_SIGMAS, MIN_READINGS, Misfit, blocks, chance_misfits, deepest};
 use super::leaves::{leaf_areas, neighbourhood};
 use super::noise::SensorNoise;
 use crate::observe::{Foot, FootState, ProjectedReadings, Quantity, by_leaf};
@@ -32,6 +32,12 @@ const MIN_SIGNIFICANCE: f64 = 2.5;
 /// Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with it at 2 they cover
 /// 94.8 %, sheets 95.5 % and balls 95.0 %. See decision 0005.
 const MIN_POOLED_SIGNIFICANCE: f64 = 2.0;
+/// The same in a sample that is followed by a larger one.
+///
+/// At 2 more leaves pass by chance than [`chance_misfits`] allows. Each division makes new ones, and the
+/// larger sample cannot take them back: smooth tubes and sheets of a million readings had up to four times
+/// the cells and twice the error (decision 0107).
+const MIN_POOLED_SIGNIFICANCE_OF_SAMPLE: f64 = 3.0;
 /// Readings beyond the gate are gross errors while they are fewer than this share of a leaf; more of them
 /// are shape. See decision 0005.
 pub(super) const MAX_GROSS: f64 = 0.25;
@@ -166,7 +172,7 @@ impl LeafResiduals {
             misfit[Self::quarter(bin % (BINS * BINS))] += b.sum * b.sum / b.precision;
         }
         let worst = (0..4).max_by(|&a, &b| misfit[a].total_cmp(&misfit[b])).unwrap_or(0);
-        [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]][worst]
+        CORNERS[worst]
     }
 }
 
@@ -210,13 +216,17 @@ impl FootNoise {
 /// back. Strong misfit shows on one leaf alone. Weaker misfit is searched for in the quarters of a leaf and
 /// its eight neighbours together, because unresolved shape that goes unnoticed makes a stated σ too small;
 /// but only once strong misfit is gone. With a tolerance, the size of the mean residuals decides.
+/// `is_last_sample` is false if a larger sample of the readings will be tested as well.
 pub(super) fn misfit(
     surface: &Surface,
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     degrees: f64,
     options: &FitOptions,
+    is_last_sample: bool,
 ) -> Vec<Misfit> {
+    let pooled_significance =
+        if is_last_sample { MIN_POOLED_SIGNIFICANCE } else { MIN_POOLED_SIGNIFICANCE_OF_SAMPLE };
     let space = surface.space();
     let residuals = residuals_by_leaf(space, readings, noise, options.gate);
     // What the fit took out of each measured leaf, on average.
@@ -266,7 +276,7 @@ pub(super) fn misfit(
                 spread += 2.0 * quarters[other].1;
                 count += f64::from(residuals[other].count);
             }
-            if excess > (MIN_POOLED_SIGNIFICANCE * f64::sqrt(spread)).max(MIN_EXPLAINED_SHARE * count) {
+            if excess > (pooled_significance * f64::sqrt(spread)).max(MIN_EXPLAINED_SHARE * count) {
                 weak.push(found());
             }
         }

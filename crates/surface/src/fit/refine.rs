@@ -19,6 +19,7 @@ use super::noise::SensorNoise;
 use super::patch::PatchFilterOutcome;
 use super::refine_by_curvature::leaves_of_varying_curvature;
 use super::refine_by_roughness::leaves_coarser_than_smoothing;
+use super::spline_error::leaves_missing_shape;
 use super::weights::{weight_of_length, weights};
 use crate::observe::{
     Foot, FootChannels, Observations, ProjectedReadings, Quantity, StepInput, normal_step, project,
@@ -61,6 +62,9 @@ const CONVERGED_WEIGHT: f64 = 0.02;
 /// misfits. A larger one projects more readings in rounds whose surface is refined anyway.
 const SAMPLE_PER_LEAF: usize = 12;
 const MIN_SAMPLE: usize = 40_000;
+/// Readings for each of the sample of the last early round. In a smaller sample, noise hides what the cells
+/// miss: [`super::spline_error::NOISE_SHARE`] of its variance would exceed that of all readings.
+const READINGS_PER_SAMPLED: usize = 10;
 /// Shortest length over which the prior smooths at the start, in leaves.
 ///
 /// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere. See
@@ -149,6 +153,8 @@ struct Refinement<'a> {
     degrees: Option<Vec<f64>>,
     /// Readings outside the gate in the last early round: they are searched for anew in the last round.
     outside: Vec<u32>,
+    /// Readings that an early round uses at least.
+    min_sample: usize,
     /// Readings projected so far, for the display of progress.
     projected: usize,
 }
@@ -201,6 +207,7 @@ pub(super) fn refine_to_noise(
         area: None,
         degrees: None,
         outside: Vec::new(),
+        min_sample: MIN_SAMPLE,
         projected: 0,
     };
     for number in 0.. {
@@ -220,7 +227,8 @@ pub(super) fn refine_to_noise(
         // Some leaves are significant by chance. Dividing them would create new ones of the same kind,
         // without end.
         if division.misfits.len() < chance_misfits(space) {
-            is_last = true;
+            // A larger sample shows what noise hides in a smaller one.
+            is_last = !state.enlarge_sample(sample.len());
             continue;
         }
         // Worst first: if the limit of coefficients stops the division, the next round is the last.
@@ -249,8 +257,24 @@ impl Refinement<'_> {
             self.projected = 0;
             return self.subset.clone();
         }
-        let wanted = (SAMPLE_PER_LEAF * self.surface.space().leaves().len()).max(MIN_SAMPLE);
+        let wanted = (SAMPLE_PER_LEAF * self.surface.space().leaves().len()).max(self.min_sample);
         self.searching.iter().copied().step_by((self.searching.len() / wanted).max(1)).collect()
+    }
+
+    /// Readings of all batches that look for the shape.
+    fn whole(&self) -> usize {
+        self.searching.len() * (1 + self.observations.intake.later_batches)
+    }
+
+    /// Readings that the last early round uses at least.
+    fn last_sample(&self) -> usize {
+        (self.whole() / READINGS_PER_SAMPLED).min(self.searching.len())
+    }
+
+    /// Enlarges the sample of early rounds; false if `sample` is large enough for the last of them.
+    fn enlarge_sample(&mut self, sample: usize) -> bool {
+        self.min_sample = self.min_sample.max(self.last_sample());
+        sample < self.last_sample()
     }
 
     /// Searches for the parameters of new readings, with their normals.
@@ -399,15 +423,23 @@ impl Refinement<'_> {
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
         let kept = weights(readings, &self.noise, options.gate, false);
         self.outside = sample.iter().zip(&kept).filter(|(_, w)| **w == 0.0).map(|(i, _)| *i).collect();
+        let degrees = self.degrees.iter().flatten().sum();
         let mut misfits = if options.refine_by.residuals() {
-            let degrees = self.degrees.iter().flatten().sum();
-            misfit(&self.surface, readings, &self.noise, degrees, options)
+            let is_last_sample = sample.len() >= self.last_sample();
+            misfit(&self.surface, readings, &self.noise, degrees, options, is_last_sample)
         } else {
             Vec::new()
         };
+        // A leaf is divided once, for the first cause that finds it.
+        let mut known: HashSet<usize> = misfits.iter().map(|m| m.leaf).collect();
+        if options.refine_by.residuals() && options.tolerance.is_none() {
+            let per_sampled = self.whole() as f64 / sample.len() as f64;
+            let missing =
+                leaves_missing_shape(&self.surface, &feet, &kept, degrees, per_sampled, deepest(options));
+            misfits.extend(missing.into_iter().filter(|m| !known.contains(&m.leaf)));
+            known.extend(misfits.iter().map(|m| m.leaf));
+        }
         if let (true, Some(factor)) = (options.refine_by.curvature(), factor) {
-            // A leaf is divided once, for the first cause that finds it.
-            let known: HashSet<usize> = misfits.iter().map(|m| m.leaf).collect();
             let curved = leaves_of_varying_curvature(
                 &self.surface,
                 system,

@@ -10,7 +10,7 @@
 //! # References
 //! Wang, Wang 1994, eq. 11–13, with the correction in decision 0023.
 
-use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
+use super::division::{CORNERS, MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
 use super::leaves::{leaf_areas, neighbourhood};
 use super::noise::SensorNoise;
 use crate::model::{NodeCovariance, Posterior, VertexMotion};
@@ -105,6 +105,5 @@ fn corner_of_max_deviation(surface: &Surface, leaf: usize, around: &[[f64; 2]]) 
         let curvature = surface.leaf_jet(leaf, 0.5 + 0.25 * s, 0.5 + 0.25 * t).curvature();
         curvature.map_or(0.0, |c| (c.gaussian() - mean).abs())
     };
-    let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
-    corners.into_iter().max_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or([1.0, 1.0])
+    CORNERS.into_iter().max_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or([1.0, 1.0])
 }

@@ -5,7 +5,7 @@
 //! readings determine shape down to the length `ℓ` over which the prior smooths. A grid of much wider cells
 //! is stiffer than the prior, and σ does not contain what it cannot represent.
 
-use super::division::Misfit;
+use super::division::{CORNERS, Misfit};
 use super::leaves::leaf_areas;
 use super::weights::smoothing_information;
 use crate::observe::{Foot, FootState};
@@ -51,12 +51,7 @@ pub(super) fn leaves_coarser_than_smoothing(
     wide.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     (wide.into_iter())
         .flat_map(|(leaf, severity)| {
-            [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]].map(|corner| Misfit {
-                leaf,
-                cause: Cause::Roughness,
-                severity,
-                corner,
-            })
+            CORNERS.map(|corner| Misfit { leaf, cause: Cause::Roughness, severity, corner })
         })
         .collect()
 }

@@ -138,6 +138,8 @@ pub(super) enum ScanNoise {
 pub struct IntakeFigures {
     /// Number of readings before any rejection.
     pub total: usize,
+    /// Number of batches of the same cloud that are added to the fit of these readings.
+    pub(crate) later_batches: usize,
     /// Rejected readings, by cause.
     pub rejected: BTreeMap<RejectionCause, usize>,
     /// True if objects on the ground were removed; some of their points may remain.
