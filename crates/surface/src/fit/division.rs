@@ -29,6 +29,14 @@ pub(super) struct Misfit {
 /// Signs of the four corners of a leaf.
 pub(super) const CORNERS: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
 
+/// Misfits at all corners of some leaves, each with its severity, worst first.
+pub(super) fn all_corners(mut leaves: Vec<(usize, f64)>, cause: Cause) -> Vec<Misfit> {
+    leaves.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    (leaves.into_iter())
+        .flat_map(|(leaf, severity)| CORNERS.map(|corner| Misfit { leaf, cause, severity, corner }))
+        .collect()
+}
+
 /// The deepest level that is allowed.
 pub(super) fn deepest(options: &FitOptions) -> u8 {
     options.max_depth.map_or(MAX_DEPTH, |depth| MAX_DEPTH.min(depth))

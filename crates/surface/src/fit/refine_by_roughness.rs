@@ -5,7 +5,7 @@
 //! readings determine shape down to the length `ℓ` over which the prior smooths. A grid of much wider cells
 //! is stiffer than the prior, and σ does not contain what it cannot represent.
 
-use super::division::{CORNERS, Misfit};
+use super::division::{Misfit, all_corners};
 use super::leaves::leaf_areas;
 use super::weights::smoothing_information;
 use crate::observe::{Foot, FootState};
@@ -42,16 +42,11 @@ pub(super) fn leaves_coarser_than_smoothing(
             sums[leaf].1 += 1;
         }
     }
-    let mut wide: Vec<(usize, f64)> = (sums.iter().enumerate())
+    let wide: Vec<(usize, f64)> = (sums.iter().enumerate())
         .filter(|(leaf, (stiffness, readings))| {
             *stiffness > weight && *readings >= MIN_READINGS && space.leaves()[*leaf].level < deepest
         })
         .map(|(leaf, (stiffness, _))| (leaf, stiffness / weight))
         .collect();
-    wide.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    (wide.into_iter())
-        .flat_map(|(leaf, severity)| {
-            CORNERS.map(|corner| Misfit { leaf, cause: Cause::Roughness, severity, corner })
-        })
-        .collect()
+    all_corners(wide, Cause::Roughness)
 }

@@ -21,7 +21,7 @@
 //! de Boor, *A practical guide to splines*, 2001, chapter XII; the constant follows from the Bernoulli
 //! monospline of degree four.
 
-use super::division::{CORNERS, MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
+use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit, all_corners};
 use super::leaves::{leaf_areas, neighbourhood};
 use crate::observe::{Foot, FootState, Quantity};
 use crate::subdivision::Cause;
@@ -89,7 +89,7 @@ pub(super) fn leaves_missing_shape(
     let measured = sums.iter().filter(|(_, count)| *count > 0).count();
     let degrees_per_leaf = degrees / measured.max(1) as f64;
     let areas = leaf_areas(surface);
-    let mut missing: Vec<(usize, f64)> = (own_variances(surface).into_iter().zip(sums).enumerate())
+    let missing: Vec<(usize, f64)> = (own_variances(surface).into_iter().zip(sums).enumerate())
         .filter(|&(leaf, (_, (sum, count)))| {
             let variance_of_reading = f64::from(count) / sum;
             count >= MIN_READINGS
@@ -101,12 +101,7 @@ pub(super) fn leaves_missing_shape(
         })
         .filter(|(_, ratio)| *ratio > 1.0)
         .collect();
-    missing.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    (missing.into_iter())
-        .flat_map(|(leaf, severity)| {
-            CORNERS.map(|corner| Misfit { leaf, cause: Cause::SplineError, severity, corner })
-        })
-        .collect()
+    all_corners(missing, Cause::SplineError)
 }
 
 /// The mean square by the changes of the third derivative along one parameter, over both sides of a leaf.
