@@ -32,11 +32,11 @@ const MIN_SIGNIFICANCE: f64 = 2.5;
 /// Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with it at 2 they cover
 /// 94.8 %, sheets 95.5 % and balls 95.0 %. See decision 0005.
 const MIN_POOLED_SIGNIFICANCE: f64 = 2.0;
-/// The same in a sample that is followed by a larger one.
+/// The same in a sample of the readings.
 ///
-/// At 2 more leaves pass by chance than [`chance_misfits`] allows. Each division makes new ones, and the
-/// larger sample cannot take them back: smooth tubes and sheets of a million readings had up to four times
-/// the cells and twice the error (decision 0107).
+/// At 2 more leaves pass by chance than [`chance_misfits`] allows. Each division makes new ones, and those of
+/// a million readings do not need them: smooth tubes and sheets had up to four times the cells and twice the
+/// error (decision 0107).
 const MIN_POOLED_SIGNIFICANCE_OF_SAMPLE: f64 = 3.0;
 /// Readings beyond the gate are gross errors while they are fewer than this share of a leaf; more of them
 /// are shape. See decision 0005.
@@ -216,17 +216,17 @@ impl FootNoise {
 /// back. Strong misfit shows on one leaf alone. Weaker misfit is searched for in the quarters of a leaf and
 /// its eight neighbours together, because unresolved shape that goes unnoticed makes a stated σ too small;
 /// but only once strong misfit is gone. With a tolerance, the size of the mean residuals decides.
-/// `is_last_sample` is false if a larger sample of the readings will be tested as well.
+/// `is_whole` is false if the readings are a sample.
 pub(super) fn misfit(
     surface: &Surface,
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     degrees: f64,
     options: &FitOptions,
-    is_last_sample: bool,
+    is_whole: bool,
 ) -> Vec<Misfit> {
     let pooled_significance =
-        if is_last_sample { MIN_POOLED_SIGNIFICANCE } else { MIN_POOLED_SIGNIFICANCE_OF_SAMPLE };
+        if is_whole { MIN_POOLED_SIGNIFICANCE } else { MIN_POOLED_SIGNIFICANCE_OF_SAMPLE };
     let space = surface.space();
     let residuals = residuals_by_leaf(space, readings, noise, options.gate);
     // What the fit took out of each measured leaf, on average.
