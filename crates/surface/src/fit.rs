@@ -6,7 +6,7 @@
 //! | stage | module | hands over |
 //! |---|---|---|
 //! | observe | [`crate::observe`] | [`Observations`]: readings in the world frame with their covariances |
-//! | first | `first` (`growth` for balls) | a starting surface |
+//! | first | `first` (`growth` for balls that are not star-shaped) | a starting surface |
 //! | refine | `refine` (`misfit`, `division`) | a `ConvergedFit`: surface, feet, noise, smoothness weight |
 //! | finish | `finish` | a [`Fit`]: information, covariance, report |
 //!
