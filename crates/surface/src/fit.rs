@@ -6,7 +6,7 @@
 //! | stage | module | hands over |
 //! |---|---|---|
 //! | observe | [`crate::observe`] | [`Observations`]: readings in the world frame with their covariances |
-//! | first | `first` (`growth` for balls that are not star-shaped) | a starting surface |
+//! | first | `first` (`drape`; `growth` for balls that are not star-shaped) | a starting surface |
 //! | refine | `refine` (`misfit`, `division`) | a `ConvergedFit`: surface, feet, noise, smoothness weight |
 //! | finish | `finish` | a [`Fit`]: information, covariance, report |
 //!
@@ -20,6 +20,7 @@ mod bending;
 mod bending_energy;
 mod bending_report;
 mod division;
+mod drape;
 mod enclosed;
 mod few_readings;
 mod finish;

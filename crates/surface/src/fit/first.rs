@@ -8,15 +8,13 @@
 
 use super::FitOptions;
 use super::division::MIN_LEAF_SIGMAS;
+use super::drape::{READINGS_PER_FIRST_LEAF, drape};
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
-use super::spline_error::{NOISE_SHARE, own_variances};
 use crate::observe::{Observations, Quantity, ReadingColumns};
-use planish_core::vector3::coordinates;
 use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result};
-use planish_spline::{BaseShape, Hierarchy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights};
-use std::sync::Arc;
+use planish_spline::{BaseShape, Hierarchy, Shape, Surface, choose_base_shape};
 
 /// Approximate number of cells of the base grid, before it is adapted to many readings.
 ///
@@ -29,18 +27,10 @@ const BASE_CELLS: usize = 128;
 /// thousands of readings and too little for the test of residuals: 95 % intervals of tori covered 83 %. On
 /// sixteen it is `2e-5 r`. See decision 0096.
 const CELLS_AROUND: usize = 12;
-/// Weight of the plate over a draped surface with at most [`FEW_PER_CELL`] points for each cell, for cells of
-/// side and density one. More points weigh more, so that their surface bends as they do.
-const SMOOTHING: f64 = 0.05;
-const FEW_PER_CELL: f64 = 20.0;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
 /// With fewer readings on a surface, all readings choose the shape.
 const MIN_SHAPE_SAMPLE: usize = 10;
-/// A ball grows no leaves that would hold fewer readings than this on average: emptier ones would follow
-/// the indicator's noise. See decision 0007.
-const READINGS_PER_GROWN_LEAF: usize = 6;
-
 /// Smallest cosine between the normal of a star-shaped surface and the direction from its centre, and largest
 /// share of readings below it. They count where they are more than [`TURNED_BY_CHANCE`] of the readings in
 /// their direction, because normals of noisy readings and of gross errors may be wrong.
@@ -82,7 +72,7 @@ pub(super) fn first_surface(
         let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {
-                cells(level) * READINGS_PER_GROWN_LEAF <= size
+                cells(level) * READINGS_PER_FIRST_LEAF <= size
                     && area >= min_area * cells(level) as f64
                     && cells(level) <= options.max_coefficients
             })
@@ -92,7 +82,7 @@ pub(super) fn first_surface(
         })
     } else {
         let whole = size * (1 + observations.intake.later_batches);
-        draped_on_fitting_cells(&base, grid, &points, whole, !observations.scan_errors.is_empty(), options)
+        drape(&base, grid, &points, whole, !observations.scan_errors.is_empty(), options)
     }
 }
 
@@ -126,54 +116,6 @@ fn is_star_shaped(base: &BaseShape, points: &[DVec3], normals: &[DVec3]) -> bool
         .map(|[_, turned]| turned)
         .sum();
     turned as f64 <= MAX_TURNED * points.len() as f64
-}
-
-/// A surface draped over points, on cells that miss no more than σ if `whole` readings are fitted.
-///
-/// Parameters over the base are smooth. Cells that are divided later keep the parameters of the larger ones,
-/// whose error also moves points along the surface, and smaller cells follow that less well than smooth
-/// shape: a tube of 3 million readings was covered to 0.87 instead of 0.94 (decision 0107).
-fn draped_on_fitting_cells(
-    base: &BaseShape,
-    mut grid: [usize; 2],
-    points: &[DVec3],
-    whole: usize,
-    has_scan_errors: bool,
-    options: &FitOptions,
-) -> Result<Surface> {
-    let mut draped = draped_surface(base, grid, points)?;
-    // What cells of a ball miss is common to the readings of a cell and turns scans against each other. With
-    // cells that miss as much as σ of the surface, squared errors of poses over their covariance were 21
-    // instead of 6; with smaller ones 4.5.
-    let mut for_poses = has_scan_errors && base.shape == Shape::Ball;
-    while options.tolerance.is_none() && options.max_depth.is_none() {
-        if !draped.misses_shape(points.len(), whole) && !std::mem::take(&mut for_poses) {
-            break;
-        }
-        grid = grid.map(|n| 2 * n);
-        let cells = grid[0] * grid[1];
-        if READINGS_PER_GROWN_LEAF * cells > points.len() || 2 * cells > options.max_coefficients {
-            break;
-        }
-        draped = draped_surface(base, grid, points)?;
-    }
-    Ok(draped.surface)
-}
-
-/// A surface draped over points.
-struct Draped {
-    surface: Surface,
-    /// Mean square of the distances of the points along the normals.
-    variance: f64,
-}
-
-impl Draped {
-    /// True if the cells miss more than σ of a surface of `whole` readings, of which `points` were draped.
-    fn misses_shape(&self, points: usize, whole: usize) -> bool {
-        let cells = self.surface.space().leaves().len() as f64;
-        let missed = own_variances(&self.surface).iter().sum::<f64>() / cells;
-        missed > self.variance * cells * (1.0 / whole as f64 + NOISE_SHARE / points as f64)
-    }
 }
 
 /// The base shape of the starting surface alone.
@@ -257,64 +199,4 @@ fn typical_sigma(observations: &Observations, sample: &[u32]) -> f64 {
         .map(|i| observations.covariance(i).trace() / 3.0)
         .sum();
     (sum / sample.len().max(1) as f64).sqrt()
-}
-
-/// A smooth surface over the base grid, fitted to the points with their parameters on the base shape held.
-fn draped_surface(base: &BaseShape, grid: [usize; 2], points: &[DVec3]) -> Result<Draped> {
-    let reference = base.surface(grid)?;
-    let space = Arc::clone(reference.space());
-    let extent = space.extent();
-    let system = SurfaceSystem::new(&space)?;
-    // Each reading keeps its parameters over the base. Without foot points the equations are linear, and
-    // one solution is enough.
-    let mut lists: Vec<Vec<(u32, [f64; 2])>> = vec![Vec::new(); space.leaves().len()];
-    for (i, p) in points.iter().enumerate() {
-        let q = base.parameters(*p);
-        let (leaf, local) = space.locate(q[0] * extent[0], q[1] * extent[1]);
-        lists[leaf].push((i as u32, local));
-    }
-    // All readings weigh alike: their noise is not estimated yet, and the weight of the plate follows their
-    // number.
-    let data = system.accumulate(|leaf, cell| {
-        for &(i, local) in &lists[leaf] {
-            cell.add_vector(
-                &leaf_weights(local[0], local[1]),
-                points[i as usize],
-                &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
-            );
-        }
-        !lists[leaf].is_empty()
-    })?;
-    // Few points are smoothed over one cell: finer shape is found by refinement. The energy is that of the
-    // departure from the base, so that unseen parts of a tube stay round.
-    let area: f64 = reference.thin_plate(&space).iter().map(|l| l.area).sum();
-    let cell = (area / space.leaves().len() as f64).sqrt();
-    let per_cell = points.len() as f64 / space.leaves().len() as f64;
-    let weight = points.len() as f64 / area * cell.powi(4) * SMOOTHING * (FEW_PER_CELL / per_cell).min(1.0);
-    let energy = system.thin_plate(&reference)?.expanded(3)?;
-    let x: Vec<f64> = coordinates(reference.vertices()).to_vec();
-    let mut pull = vec![0.0; x.len()];
-    energy.multiply(&x, &mut pull)?;
-    let mut total = data;
-    total.add_scaled(&energy, weight)?;
-    for (v, p) in total.vector_mut().iter_mut().zip(&pull) {
-        *v += weight * p;
-    }
-    // A trace of the base keeps the matrix regular where neither data nor energy reach.
-    let hold = 1e-6 * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
-    total.add_diagonal(hold);
-    for (v, c) in total.vector_mut().iter_mut().zip(&x) {
-        *v += hold * c;
-    }
-    let factor = system.factorize(&total)?;
-    let mut solution = total.vector().to_vec();
-    factor.solve_in_place(&mut solution)?;
-    let surface = system.surface(&solution)?;
-    let square = |leaf: usize, &(i, [u, v]): &(u32, [f64; 2])| {
-        let jet = surface.leaf_jet(leaf, u, v);
-        jet.normal().map_or(0.0, |normal| (points[i as usize] - jet.point).dot(normal).powi(2))
-    };
-    let squares = lists.iter().enumerate().flat_map(|(leaf, own)| own.iter().map(move |p| square(leaf, p)));
-    let sum: f64 = squares.sum();
-    Ok(Draped { surface, variance: sum / points.len() as f64 })
 }

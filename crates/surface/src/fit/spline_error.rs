@@ -28,6 +28,7 @@ use crate::subdivision::Cause;
 use planish_core::DVec3;
 use planish_spline::{Surface, leaf_weights};
 use rayon::prelude::*;
+use std::f64::consts::TAU;
 
 /// `√(|B₈| / 8!)`.
 const SPLINE_CONSTANT: f64 = 9.09e-4;
@@ -36,6 +37,8 @@ const BEYOND: f64 = 1e-3;
 /// Largest share of the variance of a surface that its noise adds to what a leaf seems to miss. For uniform
 /// readings of smooth shapes, the mean over leaves was 0.006 to 0.025.
 pub(super) const NOISE_SHARE: f64 = 0.1;
+/// Longest phase over a cell that is ascribed to shape; noise has changes of all phases.
+const MAX_PHASE: f64 = 2.2;
 /// Smallest cosine between the parameter lines of neighbours. At seams of a ball they may turn.
 const MIN_COSINE: f64 = 0.7;
 
@@ -43,7 +46,9 @@ const MIN_COSINE: f64 = 0.7;
 ///
 /// Cells beside larger ones share control vertices with them, so that part of their error reaches over.
 pub(super) fn spline_variances(surface: &Surface) -> Vec<f64> {
-    let own = own_variances(surface);
+    let changes = changes_of_leaves(surface);
+    let factors = [0, 1].map(|axis| short_wave_factor(changes.iter().map(|of_leaf| &of_leaf[axis])));
+    let own = weighted_variances(surface, &changes, factors);
     (0..own.len())
         .into_par_iter()
         .with_min_len(64)
@@ -51,14 +56,29 @@ pub(super) fn spline_variances(surface: &Surface) -> Vec<f64> {
         .collect()
 }
 
-/// For each leaf, the mean square along the normal of what its own cells miss.
+/// For each leaf, the mean square `e²` along the normal of what its own cells miss of long waves.
 pub(super) fn own_variances(surface: &Surface) -> Vec<f64> {
+    weighted_variances(surface, &changes_of_leaves(surface), [1.0; 2])
+}
+
+/// What every leaf misses along both parameters.
+fn changes_of_leaves(surface: &Surface) -> Vec<[Changes; 2]> {
     (0..surface.space().leaves().len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|leaf| [0, 1].map(|axis| Changes::along(surface, leaf, axis)))
+        .collect()
+}
+
+/// The sum of the mean squares along both parameters, times the squares of `factors`.
+fn weighted_variances(surface: &Surface, changes: &[[Changes; 2]], factors: [f64; 2]) -> Vec<f64> {
+    (0..changes.len())
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
             let normal = surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or_default();
-            [0, 1].map(|axis| square_along(surface, leaf, axis, normal)).iter().sum()
+            let square = |axis: usize| factors[axis].powi(2) * changes[leaf][axis].mean_square(normal);
+            square(0) + square(1)
         })
         .collect()
 }
@@ -104,29 +124,57 @@ pub(super) fn leaves_missing_shape(
     all_corners(missing, Cause::SplineError)
 }
 
-/// The mean square by the changes of the third derivative along one parameter, over both sides of a leaf.
-fn square_along(surface: &Surface, leaf: usize, axis: usize, normal: DVec3) -> f64 {
-    let space = surface.space();
-    let side = space.leaves()[leaf].side();
-    let (first, third) = derivatives(surface, leaf, axis, [0.5; 2]);
-    let (mut sum, mut count) = (0.0, 0.0);
-    for at in [-BEYOND, 1.0 + BEYOND] {
-        let mut local = [0.5; 2];
-        local[axis] = at;
-        let [u, v] = space.parameters(leaf, local);
-        let (other, at_other) = space.locate(u, v);
-        let (other_first, other_third) = derivatives(surface, other, axis, at_other);
-        let cosine = first.normalize_or_zero().dot(other_first.normalize_or_zero());
-        // Beyond an open border is the leaf itself.
-        if other == leaf || cosine < MIN_COSINE {
-            continue;
-        }
-        let distance = 0.5 * (side + space.leaves()[other].side());
-        let fourth = (other_third - third).dot(normal) / distance;
-        sum += (SPLINE_CONSTANT * side.powi(4) * fourth).powi(2);
-        count += 1.0;
+/// What a leaf misses, by the changes of the third derivative along one parameter at its two sides: none
+/// at open borders, and at seams of a ball where parameter lines turn.
+struct Changes([Option<DVec3>; 2]);
+
+impl Changes {
+    fn along(surface: &Surface, leaf: usize, axis: usize) -> Self {
+        let space = surface.space();
+        let side = space.leaves()[leaf].side();
+        let (first, third) = derivatives(surface, leaf, axis, [0.5; 2]);
+        Self([-BEYOND, 1.0 + BEYOND].map(|at| {
+            let mut local = [0.5; 2];
+            local[axis] = at;
+            let [u, v] = space.parameters(leaf, local);
+            let (other, at_other) = space.locate(u, v);
+            let (other_first, other_third) = derivatives(surface, other, axis, at_other);
+            let cosine = first.normalize_or_zero().dot(other_first.normalize_or_zero());
+            // Beyond an open border is the leaf itself.
+            if other == leaf || cosine < MIN_COSINE {
+                return None;
+            }
+            let towards = if at < 0.0 { -1.0 } else { 1.0 };
+            let distance = 0.5 * (side + space.leaves()[other].side());
+            Some(towards * SPLINE_CONSTANT * side.powi(4) / distance * (other_third - third))
+        }))
     }
-    if count > 0.0 { sum / count } else { 0.0 }
+
+    fn mean_square(&self, normal: DVec3) -> f64 {
+        let known = || self.0.iter().flatten();
+        known().map(|change| change.dot(normal).powi(2)).sum::<f64>() / known().count().max(1) as f64
+    }
+}
+
+/// The factor by which waves as short as those of the changes are missed by more than `e`.
+///
+/// Changes on both sides of a leaf differ by `4 sin²(ω/2)` of their mean square, where `ω` is the phase of a
+/// wave over a cell. A cubic spline misses a wave by the root of the sum over `k = ±1, ±2, …` of
+/// `(ω/(ω + 2πk))⁸`, which is `e` for small `ω` and three times that for waves over three cells.
+fn short_wave_factor<'a>(changes: impl Iterator<Item = &'a Changes>) -> f64 {
+    let (mut differences, mut squares) = (0.0, 0.0);
+    for Changes(sides) in changes {
+        if let [Some(before), Some(after)] = sides {
+            differences += (*after - *before).length_squared();
+            squares += before.length_squared() + after.length_squared();
+        }
+    }
+    if squares <= 0.0 {
+        return 1.0;
+    }
+    let phase = (2.0 * (0.5 * differences / squares).sqrt().min(1.0).asin()).min(MAX_PHASE);
+    let alias = |k: f64| (TAU / (phase + TAU * k)).powi(8);
+    (0.5 * (alias(-1.0) + alias(1.0))).sqrt()
 }
 
 /// First and third derivative of a leaf along one parameter, in units of the base grid.
@@ -152,7 +200,6 @@ fn derivatives(surface: &Surface, leaf: usize, axis: usize, local: [f64; 2]) -> 
 mod tests {
     use super::*;
     use planish_spline::{BaseShape, Shape};
-    use std::f64::consts::TAU;
 
     /// A tube of radius 1, interpolated at the knots: its radius departs from 1 by the spline's error.
     #[test]
