@@ -227,6 +227,8 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
     )
 }
 
+/// Ratio of the variances of a cloud below which it counts as round.
+const NEARLY_ROUND: f64 = 1.3;
 /// Sections along the axis of a cloud, and the smallest number of points in one.
 const SECTIONS: usize = 50;
 const MIN_SECTION: usize = 8;
@@ -301,6 +303,8 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
             Ok(BaseShape::cylinder(centre, axis, radius, 0.505 * (hi[0] - lo[0])))
         }
         Shape::Ball => {
+            // The principal axes of a nearly round cloud turn with its noise, and the grid with them.
+            let axes = if variances[0] < NEARLY_ROUND * variances[2] { DVec3::AXES } else { axes };
             let (lo, hi) = bounds3(points, axes);
             let centre = (0..3).fold(DVec3::ZERO, |c, d| c + 0.5 * (lo[d] + hi[d]) * axes[d]);
             // Place poles in the flattest direction, because features (ears, handles) tend to lie along the

@@ -304,7 +304,7 @@ fn sigma_of_a_rough_surface_is_calibrated_with_division_by_roughness() {
     };
     let (without, with) = (covered(RefineBy::Residuals), covered(RefineBy::Roughness));
     assert!((0.92..0.98).contains(&with), "{with}");
-    assert!(without < 0.9, "nothing was to be gained: {without}");
+    assert!(without < with - 0.02, "nothing was to be gained: {without}, {with}");
 }
 
 #[test]

@@ -26,12 +26,8 @@ pub(super) const READINGS_PER_FIRST_LEAF: usize = 6;
 /// Degrees of freedom that a leaf has, and that its four children have.
 const DEGREES: f64 = 1.0;
 const DEGREES_OF_CHILDREN: f64 = 4.0;
-/// A leaf misses shape if its mean square exceeds that over its children by this many times `1/m`, the
-/// relative variance of the surface by the noise of `m` points in the leaf. Noise alone makes the ratio
-/// scatter by about 2.4/m.
-const MISSED_BY: f64 = 3.0;
 /// Share of leaves that have to miss shape before all are divided.
-const MISSING_LEAVES: f64 = 0.8;
+const MISSING_LEAVES: f64 = 0.5;
 
 /// A surface draped over points, on cells that miss no more than σ of a surface of `whole` readings.
 ///
@@ -87,8 +83,8 @@ impl Draped {
         missed > variance * cells * (1.0 / whole as f64 + NOISE_SHARE / points)
     }
 
-    /// True if the points of almost all leaves are nearer to a surface of cells of half the side than noise
-    /// explains.
+    /// True if the mean square of most leaves, for each degree of freedom, is smaller on a surface of cells
+    /// of half the side. Noise alone makes it larger, because the plate takes some of their freedom.
     ///
     /// Shape that a leaf does not follow at all is not in its derivatives, so this test and
     /// [`Self::misses_shape`] complement each other.
@@ -107,7 +103,7 @@ impl Draped {
         sums.retain(|(count, _)| *count > DEGREES_OF_CHILDREN);
         let misses = |(count, [coarse, fine]): &&(f64, [f64; 2])| {
             let of_noise = fine / (count - DEGREES_OF_CHILDREN);
-            coarse / (count - DEGREES) > of_noise * (1.0 + MISSED_BY / count)
+            coarse / (count - DEGREES) > of_noise
         };
         sums.iter().filter(misses).count() as f64 > MISSING_LEAVES * sums.len() as f64
     }
@@ -144,7 +140,8 @@ fn draped_surface(base: &BaseShape, grid: [usize; 2], points: &[DVec3]) -> Resul
     let area: f64 = reference.thin_plate(&space).iter().map(|l| l.area).sum();
     let cell = (area / space.leaves().len() as f64).sqrt();
     let per_cell = points.len() as f64 / space.leaves().len() as f64;
-    let weight = points.len() as f64 / area * cell.powi(4) * SMOOTHING * (FEW_PER_CELL / per_cell).min(1.0);
+    let weight =
+        points.len() as f64 / area * cell.powi(4) * SMOOTHING * (FEW_PER_CELL / per_cell).min(1.0).powi(2);
     let energy = system.thin_plate(&reference)?.expanded(3)?;
     let x: Vec<f64> = coordinates(reference.vertices()).to_vec();
     let mut pull = vec![0.0; x.len()];

@@ -29,15 +29,11 @@ const MIN_EXPLAINED_SHARE: f64 = 0.02;
 const MIN_SIGNIFICANCE: f64 = 2.5;
 /// The same for the quarters of a leaf and its neighbours together.
 ///
-/// Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with it at 2 they cover
-/// 94.8 %, sheets 95.5 % and balls 95.0 %. See decision 0005.
-const MIN_POOLED_SIGNIFICANCE: f64 = 2.0;
-/// The same in a sample of the readings.
-///
-/// At 2 more leaves pass by chance than [`chance_misfits`] allows. Each division makes new ones, and those of
-/// a million readings do not need them: smooth tubes and sheets had up to four times the cells and twice the
-/// error (decision 0107).
-const MIN_POOLED_SIGNIFICANCE_OF_SAMPLE: f64 = 3.0;
+/// Shape of that size is about five times the variance of the surface by noise. A division quadruples that
+/// variance, and neighbours are divided along, so that less shape costs more than it adds: at 2, smooth balls
+/// of 40,000 readings had up to three times the cells and 1.6 times the error. σ contains what remains
+/// ([`super::spline_error`], [`super::unresolved_shape`]). See decisions 0005 and 0110.
+const MIN_POOLED_SIGNIFICANCE: f64 = 4.0;
 /// Readings beyond the gate are gross errors while they are fewer than this share of a leaf; more of them
 /// are shape. See decision 0005.
 pub(super) const MAX_GROSS: f64 = 0.25;
@@ -216,17 +212,13 @@ impl FootNoise {
 /// back. Strong misfit shows on one leaf alone. Weaker misfit is searched for in the quarters of a leaf and
 /// its eight neighbours together, because unresolved shape that goes unnoticed makes a stated σ too small;
 /// but only once strong misfit is gone. With a tolerance, the size of the mean residuals decides.
-/// `is_whole` is false if the readings are a sample.
 pub(super) fn misfit(
     surface: &Surface,
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     degrees: f64,
     options: &FitOptions,
-    is_whole: bool,
 ) -> Vec<Misfit> {
-    let pooled_significance =
-        if is_whole { MIN_POOLED_SIGNIFICANCE } else { MIN_POOLED_SIGNIFICANCE_OF_SAMPLE };
     let space = surface.space();
     let residuals = residuals_by_leaf(space, readings, noise, options.gate);
     // What the fit took out of each measured leaf, on average.
@@ -276,7 +268,7 @@ pub(super) fn misfit(
                 spread += 2.0 * quarters[other].1;
                 count += f64::from(residuals[other].count);
             }
-            if excess > (pooled_significance * f64::sqrt(spread)).max(MIN_EXPLAINED_SHARE * count) {
+            if excess > (MIN_POOLED_SIGNIFICANCE * f64::sqrt(spread)).max(MIN_EXPLAINED_SHARE * count) {
                 weak.push(found());
             }
         }

@@ -425,8 +425,7 @@ impl Refinement<'_> {
         self.outside = sample.iter().zip(&kept).filter(|(_, w)| **w == 0.0).map(|(i, _)| *i).collect();
         let degrees = self.degrees.iter().flatten().sum();
         let mut misfits = if options.refine_by.residuals() {
-            let is_whole = sample.len() == self.whole();
-            misfit(&self.surface, readings, &self.noise, degrees, options, is_whole)
+            misfit(&self.surface, readings, &self.noise, degrees, options)
         } else {
             Vec::new()
         };

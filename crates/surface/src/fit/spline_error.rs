@@ -10,7 +10,8 @@
 //!
 //! with the Bernoulli number `B₈ = −1/30`, and the third derivative of the spline, which is constant along
 //! a cell, changes by `h f⁗` from one cell to the next. Leaves that miss more than σ of the surface are
-//! divided, and the rest of `e²` is a part of σ². Noise of independent control vertices with a standard
+//! divided, and the rest of `e²` is a part of σ², multiplied by what is missed of short waves
+//! ([`short_wave_factor`]). Noise of independent control vertices with a standard
 //! deviation of `s` adds `√70 · 9.09·10⁻⁴ s` to `e`; less than a hundredth of σ. Of fits to samples it adds
 //! more ([`NOISE_SHARE`]).
 //!
@@ -42,7 +43,8 @@ const MAX_PHASE: f64 = 2.2;
 /// Smallest cosine between the parameter lines of neighbours. At seams of a ball they may turn.
 const MIN_COSINE: f64 = 0.7;
 
-/// For each leaf, the mean square along the normal of what its cells and those around them miss.
+/// For each leaf, the mean square along the normal of what its cells and those around them miss, short waves
+/// included.
 ///
 /// Cells beside larger ones share control vertices with them, so that part of their error reaches over.
 pub(super) fn spline_variances(surface: &Surface) -> Vec<f64> {
