@@ -25,9 +25,9 @@ const MIN_EXPLAINED_SHARE: f64 = 0.02;
 /// Shape of a single leaf counts if it is this many standard deviations of noise.
 ///
 /// A lower bound divides leaves by chance; [`chance_misfits`] allows for 2 % of them. Of a normal variable
-/// far fewer would exceed it, but a sum of few products is skewed. At 2.5, 5 % of gross errors changed the error
-/// of one smooth ball in six by more than a tenth, because leaves at the bound passed in one fit only; at 3.5
-/// none of twenty.
+/// far fewer would exceed it, but a sum of few products is skewed. At 2.5, 5 % of gross errors changed the
+/// error of one smooth ball in six by more than a tenth, because leaves at the bound passed in one fit only;
+/// at 3.5 none of twenty.
 const MIN_SIGNIFICANCE: f64 = 3.5;
 /// The same for the quarters of a leaf and its neighbours together.
 ///
