@@ -9,8 +9,8 @@ use planish_estimate::{Error, Result};
 use planish_sense::Neighbourhoods;
 use planish_spline::{BaseShape, Shape, choose_base_shape, fit_base_shape, principal_axes, scatter_about};
 
-/// Up to this number of readings without known normals, the shape is chosen here. Beyond it, normals from
-/// neighbours are near those of the surface.
+/// Up to this number of readings without known normals, readings that are near no sphere or cylinder are
+/// refused. Beyond it, normals from neighbours are near those of the surface, and any body can be fitted.
 const MAX_BY_SCATTER: usize = 80;
 /// Largest variance about a quadratic height field, as a share of that along its normal, for a sheet.
 ///
@@ -55,15 +55,18 @@ pub(super) fn base_of_few(
                 let along = vec![up; points.len()];
                 return Ok(Some(upwards(choose_base_shape(points, &along, Some(Shape::Sheet))?, true)));
             }
-            None if points.len() <= MAX_BY_SCATTER => return body(points).map(Some),
-            None if choose_base_shape(points, estimated, None)?.shape == Shape::Sheet => {
-                return Err(no_shape(
-                    points,
-                    "their normals are those of a sheet, but neighbours in a plane differ in height as two \
-                     sides of a body do; specify the shape, add normals or add readings",
-                ));
-            }
-            None => return Ok(None),
+            None => match body(points) {
+                Ok(base) => return Ok(Some(base)),
+                Err(error) if points.len() <= MAX_BY_SCATTER => return Err(error),
+                Err(_) if choose_base_shape(points, estimated, None)?.shape == Shape::Sheet => {
+                    return Err(no_shape(
+                        points,
+                        "their normals are those of a sheet, but neighbours in a plane differ in height as \
+                         two sides of a body do; specify the shape, add normals or add readings",
+                    ));
+                }
+                Err(_) => return Ok(None),
+            },
         },
     };
     if shape == Shape::Sheet {
