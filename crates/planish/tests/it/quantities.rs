@@ -294,7 +294,7 @@ fn every_mix_of_many_truths_is_covered_by_its_sigma() {
 fn sigma_of_a_rough_surface_is_calibrated_with_division_by_roughness() {
     let positions = Mix { positions: 2_000, ..NO_READINGS };
     let covered = |refine_by: RefineBy| {
-        let errors: Vec<(f64, f64)> = (0..2)
+        let errors: Vec<(f64, f64)> = (10..14)
             .flat_map(|seed| {
                 let truth = Truth::on_cells(32, seed);
                 errors(&fitted(&truth, positions, seed, refine_by), &truth)
@@ -304,7 +304,7 @@ fn sigma_of_a_rough_surface_is_calibrated_with_division_by_roughness() {
     };
     let (without, with) = (covered(RefineBy::Residuals), covered(RefineBy::Roughness));
     assert!((0.92..0.98).contains(&with), "{with}");
-    assert!(without < with - 0.02, "nothing was to be gained: {without}, {with}");
+    assert!(without < 0.9, "nothing was to be gained: {without}, {with}");
 }
 
 #[test]

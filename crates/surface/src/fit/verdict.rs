@@ -149,6 +149,10 @@ pub(super) fn judge_surface(
         },
     );
     let mut text = format!("{place}: {}", reason(shape, other, input.several_scans));
+    if other.is_some() && solid.is_some_and(|solid| solid.topology.is_ball()) {
+        text += "; that depends on where exactly the border of the solid is drawn, so the readings may also \
+                 be too few to show its shape";
+    }
     let off = off_surface_share(readings.observations);
     if off > MANY_OFF_SURFACE {
         text += &format!(
