@@ -384,10 +384,10 @@ fn median_sigma(marginal: &MarginalHeights, surface: &Surface, feet: &[Foot], in
 
 /// The surface in whose metric changes are smooth.
 ///
-/// On a torus, a wave once around the tube may be as likely as one of the same length, or as one that goes once
-/// around the ring. The tube of the metric is half way: its radius is the geometric mean of both radii. In the
-/// metric of the torus, 50 and 100 readings of tori that vary with the angles had 95 % intervals that covered
-/// 0.91.
+/// On a torus, a wave once around the tube may be as likely as one of the same length, or as one that goes
+/// once around the ring. The tube of the metric is half way: its radius is the geometric mean of both
+/// radii. In the metric of the torus, 50 and 100 readings of tori that vary with the angles had 95 %
+/// intervals that covered 0.91.
 fn metric(base: &BaseShape, reference: &Surface) -> Result<Surface> {
     let [ring, _, tube] = base.size;
     match base.shape {

@@ -12,8 +12,8 @@ use planish_spline::{BaseShape, Shape};
 /// Seven degrees of freedom give σ to 27 %, and 95 % intervals of Student's t that are a fifth longer than
 /// normal ones. With three they are 62 % longer, and rest on the normal distribution far into its tails.
 const MIN_DEGREES: usize = 7;
-/// Readings of a torus, which varies in two directions around. 95 % intervals from 20 to 40 readings of tori with
-/// random waves covered 0.89 to 0.92, those from 50 or more 0.94 to 0.95.
+/// Readings of a torus, which varies in two directions around. 95 % intervals from 20 to 40 readings of
+/// tori with random waves covered 0.89 to 0.92, those from 50 or more 0.94 to 0.95.
 const MIN_OF_TORUS: usize = 50;
 /// Smallest standard deviation of the readings across a sheet, in σ of a reading.
 ///

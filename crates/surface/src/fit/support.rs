@@ -8,9 +8,9 @@
 //!
 //! Two estimates of `h` are compared, and the larger one counts. The distance `d` to the eighth neighbour
 //! gives `d √(π/8)`. Scan lines are dense along the line only; their spacing is the radius within which
-//! neighbours lie on all sides. At the rim of the readings both are too large, and those of gross errors beyond
-//! the rim even more so: `h` is at most the median over the closest readings, and a reading whose own spacing
-//! is more than twice that supports nothing.
+//! neighbours lie on all sides. At the rim of the readings both are too large, and those of gross errors
+//! beyond the rim even more so: `h` is at most the median over the closest readings, and a reading whose
+//! own spacing is more than twice that supports nothing.
 //!
 //! Feet are used instead of readings, so that noise across the surface does not enlarge the spacing.
 //!
