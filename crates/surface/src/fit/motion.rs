@@ -2,9 +2,10 @@
 //!
 //! The state is the pose `T(t)` of the object and its twist `ξ`, constant but for white noise of
 //! acceleration: `T(t + dt) = T(t) exp(ξ dt)`. Errors are multiplied from the right, `T = T̂ exp(δ)`. A scan
-//! at a known time is matched to the surface of the first scan. The height of a reading `z` over that surface
-//! is `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]` and `p = T⁻¹z`. Gauss–Newton on these heights and the
-//! predicted pose is the iterated Kalman filter.
+//! at a known time is matched to the surface of the scans before it: that of the first, and once half of a
+//! scan lies beyond it, one that is fitted to all scans so far. The height of a reading `z` over that
+//! surface is `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]` and `p = T⁻¹z`. Gauss–Newton on these
+//! heights and the predicted pose is the iterated Kalman filter.
 //!
 //! The surface has errors of its own, `e ~ N(0, Σ)` of its nodes along their normals, common to all scans.
 //! They move a pose by `P Aᵀe`, with `A = Σ w a jᵀ` over the matched readings (`a` their rows over the nodes,
@@ -68,36 +69,51 @@ pub(super) fn fit_moving(
         first = fit(&scans_of(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.15, 0.3))?;
     }
     let mut tracker = RigidTracker::new(&first, set, &order)?;
+    let share = |k: usize| 0.3 + 0.2 * k as f64 / order.len() as f64;
+    // What some of the scans cannot show is judged in the fit of all.
+    let partial = FitOptions { force: true, ..plain.clone() };
     for (k, &scan) in order.iter().enumerate().skip(1) {
-        progress.check("tracking the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
+        progress.check("tracking the motion", share(k))?;
         progress.items(k - 1, "scans");
         let readings = observe(
             &scans_of(set, &[scan]),
             // Tracking judges nothing; the fit of all scans holds readings out.
             &ObservationOptions { held_out_share: 0.0, ..observation_options(set, &plain) },
         )?;
+        // The first scan saw one side. Of an object that turns further, the surface grows with the scans.
+        if tracker.leaves_surface(&readings) {
+            let part = ProgressPart::new(progress, share(k), share(k + 1));
+            let so_far = scans_of(&in_object_frame(set, &tracker, order[0]), &order[..k]);
+            tracker.refer_to(&fit(&so_far, &partial, &part)?)?;
+        }
         tracker.follow(scan, &readings)?;
     }
+    let moved = in_object_frame(set, &tracker, order[0]);
+    let mut fitted = fit(&moved, &still, &ProgressPart::new(progress, 0.5, 1.0))?;
+    tracker.adopt_poses(set, &fitted.report.poses)?;
+    fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
+    Ok(fitted)
+}
+
+/// The scans in the frame of the object, where it rests and the scanners move, so that they can be fitted
+/// together.
+///
+/// All scans together determine the poses better than the tracker did, so they stay unknowns; what it found
+/// is their prior. Scans that were not tracked yet stay.
+fn in_object_frame(set: &ScanSet, tracker: &RigidTracker, first: usize) -> ScanSet {
     let mut moved = set.clone();
     for (k, posed) in moved.scans.iter_mut().enumerate() {
         let Some(world_from_object) = tracker.pose(k) else {
             continue;
         };
-        // In the frame of the object, the object rests and the scanners move, so all scans can be fitted
-        // together.
         posed.scan.world_from_scanner = world_from_object.inverse().after(&posed.scan.world_from_scanner);
-        // All scans together determine the poses better than the first scan did, so they stay unknowns. What
-        // the tracker found is their prior.
-        if k != order[0] {
+        if k != first {
             let [translation, rotation] = tracker.sigmas(k, posed.scan.world_from_scanner.translation);
             posed.sigma_translation = Some(translation);
             posed.sigma_rotation_deg = Some(rotation.to_degrees());
         }
     }
-    let mut fitted = fit(&moved, &still, &ProgressPart::new(progress, 0.5, 1.0))?;
-    tracker.adopt_poses(set, &fitted.report.poses)?;
-    fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
-    Ok(fitted)
+    moved
 }
 
 /// True if more than 3 % of the measured area is turned from the mean normal by more than 66° (cosine

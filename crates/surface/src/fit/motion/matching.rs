@@ -1,4 +1,4 @@
-//! Matching of a scan's readings to the surface of the first scan.
+//! Matching of a scan's readings to the surface of the scans before it.
 
 use super::tracker::{LAST_GATE, MatchedReading, NormalEquations, Reading, RigidTracker, exp};
 use nalgebra::{Matrix6, Vector6};
@@ -21,7 +21,7 @@ const START_TURNS_DEG: [f64; 6] = [-32.0, -21.0, -10.0, 10.0, 21.0, 32.0];
 /// the other side of thin parts; a larger one would reject correct readings while the pose is still wrong.
 const MIN_COSINE: f64 = 0.5;
 
-impl RigidTracker<'_> {
+impl RigidTracker {
     /// Searches for the pose of the second scan, while the velocity is unknown: the start from which most
     /// readings come near the surface.
     pub(super) fn start(&self, readings: &[Reading]) -> Pose {
@@ -122,19 +122,18 @@ impl RigidTracker<'_> {
             let p = object_from_world.apply(z.point);
             let facing = object_from_world.rotate(z.normal);
             let place = p + self.middle;
-            let start = self.search.nearest(place, facing);
-            let foot = self.surface.project(place, start, &ProjectionOptions::default());
+            let start = self.reference.search.nearest(place, facing);
+            let foot = self.reference.surface.project(place, start, &ProjectionOptions::default());
             let n = foot.normal;
             let leaf = foot.leaf as usize;
-            // Beyond the part that the first scan measured, or on the other side of the object, there is
+            // Beyond the part that was measured, or on the other side of the object, there is
             // nothing to match.
-            if foot.at_border || !self.observed[leaf].is_measured() || n.dot(facing) < MIN_COSINE {
+            if foot.at_border || !self.reference.observed[leaf].is_measured() || n.dot(facing) < MIN_COSINE {
                 return None;
             }
-            // The error of the surface counts as well: the first scan alone has made it (see the module's
-            // documentation).
+            // The error of the surface counts as well: see the documentation of `super`.
             let reading_variance = z.variance * scale_of_variance;
-            let variance = reading_variance + self.variances[leaf];
+            let variance = reading_variance + self.reference.variances[leaf];
             if foot.height.abs() > gate.max(LAST_GATE * variance.sqrt()) {
                 return None;
             }
@@ -162,8 +161,8 @@ impl RigidTracker<'_> {
         prior: &Matrix6<f64>,
         inverse: &Matrix6<f64>,
     ) -> Result<Matrix6<f64>> {
-        let space = self.surface.space();
-        let mut moved = vec![0.0; 6 * self.directions.len()];
+        let space = self.reference.surface.space();
+        let mut moved = vec![0.0; 6 * self.reference.directions.len()];
         let mut spread = *prior;
         let readings: Vec<&Reading> = readings.iter().collect();
         for met in self.matched(pose, &readings, 0.0, scale_of_variance) {
@@ -172,7 +171,7 @@ impl RigidTracker<'_> {
             let (nodes, extraction) = space.extraction(met.leaf);
             for (&node, e) in nodes.iter().zip(extraction) {
                 let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
-                let weight = weight * met.normal.dot(self.directions[node as usize]) / met.variance;
+                let weight = weight * met.normal.dot(self.reference.directions[node as usize]) / met.variance;
                 for (sum, j) in moved[6 * node as usize..][..6].iter_mut().zip(met.row.iter()) {
                     *sum += weight * j;
                 }
@@ -180,7 +179,7 @@ impl RigidTracker<'_> {
         }
         // `moved` is A, six columns for each node; the loop adds AᵀΣA with Σ = Λ⁻¹ from the factor.
         let mut solved = moved.clone();
-        self.factor.solve_in_place(&mut solved)?;
+        self.reference.factor.solve_in_place(&mut solved)?;
         for (a, b) in moved.chunks_exact(6).zip(solved.chunks_exact(6)) {
             spread += Vector6::from_row_slice(a) * Vector6::from_row_slice(b).transpose();
         }

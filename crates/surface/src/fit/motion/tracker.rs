@@ -27,26 +27,60 @@ pub(super) const LAST_GATE: f64 = 4.0;
 /// Minimum share of a scan's readings that must match the surface. Fewer indicate a wrong time or another
 /// object; a larger share would refuse scans that see little of what the first one saw.
 const MIN_MATCHED: f64 = 0.2;
+/// Share of a scan's readings on the surface below which the surface is fitted to all scans so far. Each
+/// such fit takes as long as that of the first scan, or longer; a scan of which less matches has an
+/// uncertain pose.
+const MIN_OVERLAP: f64 = 0.5;
 /// Change of the velocity over the whole time, as a share of one radian (or of the object's size) over it. A
 /// smaller value makes σ of the velocity too small if the motion is not quite steady; a larger one gives less
 /// weight to earlier scans.
 const UNSTEADINESS: f64 = 0.01;
 
-/// Tracks a rigid body from scan to scan.
-pub(super) struct RigidTracker<'a> {
-    pub(super) surface: &'a Surface,
-    pub(super) observed: &'a [Observed],
+/// The surface to which scans are matched, in the frame of the object.
+pub(super) struct Reference {
+    pub(super) surface: Surface,
+    pub(super) observed: Vec<Observed>,
     pub(super) search: FootPointSearch,
+    /// The factor of the surface's information along the normals of its nodes, and these normals. The
+    /// covariance of a pose contains the error of the surface: its factor is kept for all scans.
+    pub(super) factor: CholeskyFactor,
+    pub(super) directions: Vec<DVec3>,
+    /// Variance of the surface along its normal at the middle of each leaf.
+    pub(super) variances: Vec<f64>,
+}
+
+impl Reference {
+    fn new(fitted: &Fit, size: f64) -> Result<Self> {
+        let surface = &fitted.model.surface;
+        let system = SurfaceSystem::new(surface.space())?;
+        let directions = system.node_normals(surface);
+        let known = fitted.model.information_along(&system, &directions)?;
+        let posterior = fitted.posterior();
+        let variances = (0..surface.space().leaves().len())
+            .into_par_iter()
+            .map(|leaf| posterior.variance_at_middle(leaf))
+            .collect::<Result<Vec<f64>>>()?;
+        Ok(Self {
+            surface: surface.clone(),
+            observed: fitted.model.observed.clone(),
+            search: FootPointSearch::new(surface, 2, 0.1 * size)?,
+            factor: system.factorize_scalar(&known)?,
+            directions,
+            variances,
+        })
+    }
+}
+
+/// Tracks a rigid body from scan to scan.
+pub(super) struct RigidTracker {
+    pub(super) reference: Reference,
+    /// Whether the surface is no longer that of the first scan alone.
+    pub(super) is_chained: bool,
     pub(super) size: f64,
     pub(super) middle: DVec3,
     /// Number of readings of the first scan, and the covariance of the object's frame in its surface.
     pub(super) first_readings: f64,
     pub(super) frame: Matrix6<f64>,
-    /// The factor of the surface's information along the normals of its nodes, and these normals.
-    pub(super) factor: CholeskyFactor,
-    pub(super) directions: Vec<DVec3>,
-    /// Variance of the surface along its normal at the middle of each leaf.
-    pub(super) variances: Vec<f64>,
     pub(super) duration: f64,
     /// The state: time, pose about the middle, twist, and the covariance of pose and twist.
     pub(super) time: f64,
@@ -96,12 +130,12 @@ pub(super) struct NormalEquations {
     pub(super) normalised: Vec<f64>,
 }
 
-impl<'a> RigidTracker<'a> {
+impl RigidTracker {
     /// Starts at the first scan, which defines the object's frame.
     ///
     /// The prior of the velocity allows a turn of one radian and a motion by the object's size from one scan
     /// to the next.
-    pub(crate) fn new(first: &'a Fit, set: &ScanSet, order: &[usize]) -> Result<Self> {
+    pub(crate) fn new(first: &Fit, set: &ScanSet, order: &[usize]) -> Result<Self> {
         let surface = &first.model.surface;
         let points: Vec<DVec3> = (0..surface.space().leaves().len())
             .filter(|&leaf| first.model.observed[leaf].is_measured())
@@ -117,15 +151,6 @@ impl<'a> RigidTracker<'a> {
         let gap =
             (times.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 0.0)).fold(f64::INFINITY, f64::min);
         let size = bounds.diagonal();
-        let system = SurfaceSystem::new(surface.space())?;
-        let directions = system.node_normals(surface);
-        // The covariance of a pose contains the error of the surface: its factor is kept for all scans.
-        let known = first.model.information_along(&system, &directions)?;
-        let posterior = first.posterior();
-        let variances = (0..surface.space().leaves().len())
-            .into_par_iter()
-            .map(|leaf| posterior.variance_at_middle(leaf))
-            .collect::<Result<Vec<f64>>>()?;
         // The pose at the first scan defines the frame, so its variance is zero; only the twist is uncertain.
         let mut covariance = SMatrix::zeros();
         for k in 0..3 {
@@ -133,16 +158,12 @@ impl<'a> RigidTracker<'a> {
             covariance[(9 + k, 9 + k)] = (size / gap).powi(2);
         }
         Ok(Self {
-            surface,
-            observed: &first.model.observed,
-            search: FootPointSearch::new(surface, 2, 0.1 * size)?,
+            reference: Reference::new(first, size)?,
+            is_chained: false,
             size,
             middle: bounds.center(),
             first_readings: first.report.observations as f64,
             frame: Matrix6::zeros(),
-            factor: system.factorize_scalar(&known)?,
-            directions,
-            variances,
             duration: times[times.len() - 1] - times[0],
             time: times[0],
             pose: Pose::identity(),
@@ -159,20 +180,48 @@ impl<'a> RigidTracker<'a> {
         })
     }
 
-    /// Matches the next scan to the surface and corrects pose and velocity.
+    /// Matches scans from now on to the surface of all scans that were tracked.
     ///
     /// # Errors
-    /// `Undetermined` if too few of its readings match the surface.
-    pub(crate) fn follow(&mut self, scan: usize, observations: &Observations) -> Result<()> {
-        let time = self.times[self.tracked.len()];
-        let readings: Vec<Reading> = (0..observations.len())
+    /// As for a fit.
+    pub(crate) fn refer_to(&mut self, fitted: &Fit) -> Result<()> {
+        self.reference = Reference::new(fitted, self.size)?;
+        self.is_chained = true;
+        Ok(())
+    }
+
+    /// True if so little of the next scan lies on the surface that the surface should be fitted to all scans
+    /// that were tracked. None is expected to before a velocity is known.
+    pub(crate) fn leaves_surface(&self, observations: &Observations) -> bool {
+        if self.tracked.len() < 2 {
+            return false;
+        }
+        let readings = self.readings(observations);
+        let dt = self.times[self.tracked.len()] - self.time;
+        let predicted = self.pose.after(&exp(&(self.twist * dt)));
+        let matched = self.step(&predicted, &readings, 0.5 * FIRST_GATE * self.size, 1.0).matched;
+        (matched as f64) < MIN_OVERLAP * readings.len() as f64
+    }
+
+    /// The readings of a scan that are used.
+    fn readings(&self, observations: &Observations) -> Vec<Reading> {
+        (0..observations.len())
             .step_by(observations.len().div_ceil(MAX_READINGS).max(1))
             .map(|i| Reading {
                 point: observations.readings.points[i] - self.middle,
                 normal: observations.normal(i),
                 variance: observations.variance(i, observations.normal(i)).max(f64::MIN_POSITIVE),
             })
-            .collect();
+            .collect()
+    }
+
+    /// Matches the next scan to the surface and corrects pose and velocity.
+    ///
+    /// # Errors
+    /// `Undetermined` if too few of its readings match the surface.
+    pub(crate) fn follow(&mut self, scan: usize, observations: &Observations) -> Result<()> {
+        let time = self.times[self.tracked.len()];
+        let readings = self.readings(observations);
         // The second scan has no predicted velocity, so its pose is searched for. The frame's covariance B is
         // estimated there: see the module's documentation.
         if self.tracked.len() == 1 {
@@ -209,9 +258,9 @@ impl<'a> RigidTracker<'a> {
             met = sums.matched;
             if (met as f64) < MIN_MATCHED * readings.len() as f64 {
                 return Err(Error::undetermined(format!(
-                    "the scan at {time} s does not fit the surface of the first scan: {met} of {} readings \
-                     lie on it; check that the rotation between scans is small enough, and that they show \
-                     the same object",
+                    "the scan at {time} s does not fit the surface of the scans before it: {met} of {} \
+                     readings lie on it; a scan has to overlap these, be turned by less than about 40° from \
+                     the one before, and show the same object",
                     readings.len()
                 )));
             }
