@@ -7,6 +7,7 @@
 //! Not guaranteed: a suitable choice for shapes unlike any of the four. Callers let users override it.
 
 use crate::hierarchy::{Hierarchy, Shape};
+use crate::shape_choice::{axis_of_open_cylinder, perpendicular_axis, shape_from_normals};
 use crate::surface::Surface;
 use planish_core::vector3::tangents;
 use planish_core::{DVec3, SymmetricMatrix3};
@@ -229,14 +230,11 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
 
 /// Ratio of the variances of a cloud below which it counts as round.
 const NEARLY_ROUND: f64 = 1.3;
-/// Sections along the axis of a cloud, and the smallest number of points in one.
-const SECTIONS: usize = 50;
-const MIN_SECTION: usize = 8;
-/// A section at a tip has a radius below this share of the typical one, and normals that are turned towards
-/// the tip by this cosine in the mean. Ellipsoids up to 6 : 1 have less than 0.5 and more than 0.4; a cone
-/// that is open at half its radius has 0.67.
-const TIP_RADIUS: f64 = 0.6;
-const TIP_TURN: f64 = 0.3;
+/// Radius about the axis of a torus that is empty, as a share of the largest; smallest number and share of
+/// points within it that contradict a torus. A ball has 0.5 % there, a torus of radii 4 : 3 none.
+const HOLE_OF_TORUS: f64 = 0.1;
+const MIN_AT_AXIS: usize = 3;
+const MAX_AT_AXIS: f64 = 0.002;
 
 /// Chooses and fits a base shape to points with optional outward unit normals.
 ///
@@ -276,7 +274,12 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
     }
     let is_known = |(_, normal): &(&DVec3, &DVec3)| normal.length_squared() > 0.5;
     let (at, known): (Vec<DVec3>, Vec<DVec3>) = points.iter().zip(normals).filter(is_known).unzip();
-    let shape = wanted.unwrap_or_else(|| shape_from_normals(&at, &known, variances));
+    let mut shape = wanted.unwrap_or_else(|| shape_from_normals(&at, &known, variances));
+    let mut axis_of_tube = None;
+    if wanted.is_none() && shape == Shape::Ball {
+        axis_of_tube = axis_of_open_cylinder(points);
+        shape = if axis_of_tube.is_some() { Shape::Tube } else { Shape::Ball };
+    }
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
             "expected points that are not in one plane for a {}: these determine only a sheet",
@@ -286,7 +289,7 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
     match shape {
         Shape::Sheet => Ok(rectangle_around(points, &known, mean, axes, variances[0].sqrt())),
         Shape::Tube => {
-            let axis = perpendicular_axis(&known).unwrap_or(axes[0]);
+            let axis = axis_of_tube.or_else(|| perpendicular_axis(&known)).unwrap_or(axes[0]);
             let (e1, e2) = tangents(axis);
             let centre2 = circle_centre(points, e1, e2);
             let (lo, hi) = bounds(points, [axis, e1]);
@@ -325,8 +328,17 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
                 let d = *p - centre;
                 (d - d.dot(axis) * axis).length()
             };
+            let at_axis = |far: f64| points.iter().filter(|p| from_axis(p) < HOLE_OF_TORUS * far).count();
             let (near, far) =
                 points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
+            let filled = at_axis(far);
+            if filled >= MIN_AT_AXIS && filled as f64 > MAX_AT_AXIS * points.len() as f64 {
+                return Err(Error::undetermined(format!(
+                    "expected points of a torus, whose hole is empty, found {filled} of {} near the axis: the \
+                     object has another shape",
+                    points.len()
+                )));
+            }
             Ok(BaseShape::torus(centre, axis, 0.5 * (near + far), 0.5 * (far - near).max(0.05 * far)))
         }
     }
@@ -359,82 +371,6 @@ fn rectangle_around(
     let centre = mean + (0.5 * (lo[0] + hi[0]) - mean.dot(u)) * u + (0.5 * (lo[1] + hi[1]) - mean.dot(v)) * v;
     // A margin of 0.5 % keeps the outermost points inside.
     BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * spread)))
-}
-
-/// Sheet, tube or ball from the distribution of known normals at some points.
-fn shape_from_normals(points: &[DVec3], normals: &[DVec3], variances: [f64; 3]) -> Shape {
-    if normals.is_empty() {
-        // Without normals, flat clouds are sheets.
-        return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
-    }
-    let count = normals.len() as f64;
-    let mean = 1.0 / count * normals.iter().sum::<DVec3>();
-    if let Some(direction) = mean.try_normalize() {
-        // A few normals may face away: outliers, and noise at the edges of a scan.
-        let behind = normals.iter().filter(|n| n.dot(direction) < 0.1).count() as f64;
-        if mean.length() > 0.5 && behind < 0.03 * count {
-            return Shape::Sheet;
-        }
-    }
-    if let Some(axis) = perpendicular_axis(normals) {
-        let along = normals.iter().map(|n| n.dot(axis).powi(2)).sum::<f64>() / count;
-        // Normals along the axis are caps; a capped cylinder is closed and therefore a ball.
-        let caps = normals.iter().filter(|n| n.dot(axis).abs() > 0.8).count() as f64;
-        let (e1, e2) = tangents(axis);
-        // Part of a cylinder is a curved sheet, so a tube needs normals in every sector.
-        let mut sectors = [0_usize; 12];
-        for n in normals {
-            let angle = n.dot(e2).atan2(n.dot(e1)).rem_euclid(TAU);
-            sectors[((angle / TAU * 12.0) as usize).min(11)] += 1;
-        }
-        let around = sectors.iter().all(|&s| s as f64 > 0.1 * count / 12.0);
-        if along < 0.12 && caps < 0.02 * count && around && !narrows_to_a_tip(points, normals, axis) {
-            return Shape::Tube;
-        }
-    }
-    Shape::Ball
-}
-
-/// True if a cloud is closed at an end of its axis: the last points lie in a narrow section, and their
-/// normals turn towards the end. A long ellipsoid has hardly any normals along its axis, but is no tube.
-fn narrows_to_a_tip(points: &[DVec3], normals: &[DVec3], axis: DVec3) -> bool {
-    let mut order: Vec<(f64, usize)> = points.iter().map(|p| p.dot(axis)).zip(0..).collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let size = (points.len() / SECTIONS).max(MIN_SECTION);
-    let sections: Vec<&[(f64, usize)]> = order.chunks_exact(size).collect();
-    // About the middle of each section: tubes may be bent.
-    let radius = |section: &[(f64, usize)]| {
-        let away = |&(along, i): &(f64, usize)| points[i] - along * axis;
-        let middle = section.iter().map(away).sum::<DVec3>() / section.len() as f64;
-        (section.iter().map(|at| (away(at) - middle).length_squared()).sum::<f64>() / section.len() as f64)
-            .sqrt()
-    };
-    let turned = |section: &[(f64, usize)], outwards: DVec3| {
-        section.iter().map(|&(_, i)| normals[i].dot(outwards)).sum::<f64>() / section.len() as f64
-    };
-    let mut radii: Vec<f64> = sections.iter().map(|section| radius(section)).collect();
-    radii.sort_by(f64::total_cmp);
-    let (Some(first), Some(typical)) = (sections.first(), radii.get(radii.len() / 2)) else {
-        return false;
-    };
-    let last = &order[order.len() - size..];
-    [(*first, -axis), (last, axis)].into_iter().any(|(section, outwards)| {
-        radius(section) < TIP_RADIUS * typical && turned(section, outwards) > TIP_TURN
-    })
-}
-
-/// The unit vector most nearly perpendicular to all normals.
-fn perpendicular_axis(normals: &[DVec3]) -> Option<DVec3> {
-    if normals.len() < 3 {
-        return None;
-    }
-    // Moments about zero, not about the mean: the axis is perpendicular to the normals themselves.
-    let mut moments = SymmetricMatrix3::ZERO;
-    for n in normals {
-        moments.add_outer(1.0, *n);
-    }
-    let (axes, _) = moments.eigen();
-    Some(axes[2])
 }
 
 /// Mean, principal axes (right-handed, largest variance first) and variances of a cloud.
@@ -487,7 +423,7 @@ fn smallest_box(points: &[DVec3], u: DVec3, v: DVec3) -> (DVec3, DVec3) {
 }
 
 /// Centre of the circle fitted to the projected points (Kåsa's linear fit), in coordinates of e1 and e2.
-fn circle_centre(points: &[DVec3], e1: DVec3, e2: DVec3) -> [f64; 2] {
+pub(crate) fn circle_centre(points: &[DVec3], e1: DVec3, e2: DVec3) -> [f64; 2] {
     let count = points.len() as f64;
     // About the mean: third powers of large coordinates would cancel.
     let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + p.dot(e1) / count, m[1] + p.dot(e2) / count]);

@@ -54,6 +54,7 @@ mod moments;
 mod patch_filter;
 mod propagation;
 mod refinement;
+mod shape_choice;
 mod surface;
 mod system;
 mod tangent_rows;

@@ -30,10 +30,6 @@ const MIN_FOR_SCALE: usize = 8;
 /// differences contain some shape when shared errors are complete in them.
 const MAX_SHARED_SIGMA: f64 = 1.3;
 
-/// Smallest scale of independent residuals over the stated σ for which the statement counts as cautious.
-/// Below, they may be rounding of points that were smoothed.
-const MIN_INDEPENDENT: f64 = 0.1;
-
 /// Variance of rounding, over the stated variance, for quantities that are not lengths.
 const MIN_RELATIVE_VARIANCE: f64 = 1e-24;
 
@@ -165,7 +161,8 @@ impl SensorNoise {
                 continue;
             }
             let min_variance = match observations.channels[channel].quantity {
-                Quantity::Position => observations.min_variance,
+                Quantity::Position if observations.channels[channel].stated => observations.min_variance,
+                Quantity::Position => observations.min_variance.max(observations.rounding_variance),
                 // These have other units than lengths.
                 Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
@@ -207,7 +204,7 @@ impl SensorNoise {
             let redundancy = 1.0 - used / scale.kept.max(1) as f64;
             // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
             let factor = (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(min_variance);
-            let residuals = ResidualScale { factor, redundancy, kept: scale.kept };
+            let residuals = ResidualScale { factor, redundancy, kept: scale.kept, min_variance };
             noise.judge(&observations.channels[channel], channel, residuals, may_lower, converged);
         }
         Ok(noise)
@@ -222,7 +219,7 @@ impl SensorNoise {
         may_lower: bool,
         converged: bool,
     ) {
-        let ResidualScale { factor, redundancy, kept } = residuals;
+        let ResidualScale { factor, redundancy, kept, min_variance } = residuals;
         if !converged {
             self.estimated_factors[channel] = factor;
             self.variance_factors[channel] =
@@ -244,6 +241,7 @@ impl SensorNoise {
             }
             None => factor,
         };
+        let factor = factor.max(min_variance);
         self.estimated_factors[channel] = factor;
         if !of.stated {
             self.variance_factors[channel] = factor;
@@ -262,11 +260,7 @@ impl SensorNoise {
         });
         let larger = confirmed && ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error;
         let off = is_determined && (larger || may_be_smaller && smaller);
-        // Differences of neighbours as large as the residuals show independent errors, as an instrument has
-        // them that is better than its data sheet.
-        let are_independent = ratio > MIN_INDEPENDENT
-            && neighbours.is_some_and(|found| found.shared.is_none() && found.lower > 0.9 * ratio);
-        let far_smaller = MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0 && !are_independent;
+        let far_smaller = MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0;
         // Differences that grow with the neighbourhood up to the stated σ are errors that neighbours share.
         let shared = of.neighbour_noise.and_then(|found| found.shared);
         let are_shared = shared.is_some_and(|found| found.sigma <= MAX_SHARED_SIGMA)
@@ -305,6 +299,8 @@ struct ResidualScale {
     redundancy: f64,
     /// Residuals within the gate.
     kept: usize,
+    /// Smallest factor, by rounding.
+    min_variance: f64,
 }
 
 /// Sums over the residuals of one sensor's readings.

@@ -71,6 +71,9 @@ pub struct Observations {
     pub channels: Vec<Channel>,
     /// Variance of rounding: no estimate is smaller.
     pub min_variance: f64,
+    /// Variance of rounding, if all coordinates are multiples of a step: `step² / 12`. An estimated σ is no
+    /// smaller.
+    pub rounding_variance: f64,
     /// What the intake found.
     pub intake: IntakeFigures,
     /// Poses and biases that all readings of a scan share.

@@ -12,6 +12,11 @@ use planish_sense::{
 };
 use planish_spline::principal_axes;
 
+/// Smallest mean number of points with the same coordinate that shows rounding.
+const MIN_SHARING: usize = 4;
+/// Relative deviation of gaps between coordinates from multiples of a step.
+const ROUNDING: f64 = 0.01;
+
 impl Observations {
     /// Estimates missing normals and rejects isolated points among them; with `orient`, normals of unknown
     /// side get a consistent orientation.
@@ -127,10 +132,12 @@ impl Observations {
         }
     }
 
-    /// Computes [`Self::min_variance`], and for every channel the roughness and the noise by neighbours.
+    /// Computes [`Self::min_variance`], [`Self::rounding_variance`], and for every channel the roughness
+    /// and the noise by neighbours.
     pub(super) fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
         let size = BoundingBox::from_points(&self.readings.points).map_or(0.0, |b| b.diagonal());
         self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
+        self.rounding_variance = rounding_step(&self.readings.points).map_or(0.0, |step| step * step / 12.0);
         for sensor in 0..sensors {
             // One scan, because errors of poses between scans would count as roughness.
             let Some(largest) = (0..scans.len())
@@ -154,4 +161,31 @@ impl Observations {
             (channel.roughness, channel.neighbour_noise) = (roughness, noise);
         }
     }
+}
+
+/// The step to whose multiples all coordinates were rounded, if many points share a coordinate; none if
+/// they were not. Readings on a grid, as those of depth images, share two of their coordinates only.
+fn rounding_step(points: &[DVec3]) -> Option<f64> {
+    let steps: Vec<f64> = (0..3).map(|axis| step_of(points, axis)).collect::<Option<_>>()?;
+    let largest = steps.iter().copied().fold(0.0, f64::max);
+    let is_common = |step: &f64| *step == 0.0 || (step / largest - 1.0).abs() < ROUNDING;
+    (largest > 0.0 && steps.iter().all(is_common)).then_some(largest)
+}
+
+/// The common step of one coordinate, 0 if it is the same for all points.
+fn step_of(points: &[DVec3], axis: usize) -> Option<f64> {
+    let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let size = values.last()? - values.first()?;
+    values.dedup_by(|a, b| (*a - *b).abs() <= 1e-9 * size);
+    if values.len() > points.len() / MIN_SHARING {
+        return None;
+    }
+    let gaps = || values.windows(2).map(|pair| pair[1] - pair[0]);
+    let step = gaps().fold(f64::INFINITY, f64::min);
+    if step.is_infinite() {
+        return Some(0.0);
+    }
+    let is_multiple = |gap: f64| (gap / step - (gap / step).round()).abs() < ROUNDING;
+    gaps().all(is_multiple).then_some(step)
 }
