@@ -316,7 +316,8 @@ pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
 
 /// Flips normals so that neighbours agree. It starts from the fixed ones. A part of the cloud that they do
 /// not reach is turned so that the sum of `n · (p − c)` over its points `p` with centre `c` is positive:
-/// for a closed surface it is three times the volume over the area of a point, whatever the shape.
+/// for a closed surface it is three times the volume over the area of a point, whatever the shape. A flat
+/// part, for which that is nearly zero, faces the side of the nearest points that it continues.
 ///
 /// The method is greedy growth over the neighbour graph, most parallel pairs first.
 ///
@@ -356,12 +357,26 @@ pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k
         let place = |&i: &usize| points[i];
         let centre = mean(&part.iter().map(place).collect::<Vec<_>>());
         let outwards: f64 = part.iter().map(|&i| normals[i].dot(points[i] - centre)).sum();
-        if turned.is_none() && outwards < 0.0 {
+        let size: f64 = part.iter().map(|&i| points[i].distance(centre)).sum();
+        let is_flat = part.len() >= MIN_FLAT_PART && outwards.abs() < MAX_FLAT * size;
+        let is_turned = turned.is_none()
+            && if is_flat { growth.continues_turned(points, normals, &part) } else { None }
+                .unwrap_or(outwards < 0.0);
+        if is_turned {
             part.into_iter().for_each(|i| normals[i] = -normals[i]);
         }
     }
     Ok(())
 }
+
+/// Smallest number of points of a flat part, and largest `Σ n · (p − c)` over `Σ |p − c|` of one: a
+/// hemisphere has 0.6, an arc of 115° has 0.2.
+const MIN_FLAT_PART: usize = 12;
+const MAX_FLAT: f64 = 0.3;
+/// Smallest cosine between the normals of the nearest points of a flat part and of the others that it
+/// continues, and largest one between these normals and the line across the gap.
+const CONTINUES: f64 = 0.8;
+const ACROSS: f64 = 0.4;
 
 /// The greedy growth of [`orient_normals`].
 struct NormalGrowth {
@@ -402,6 +417,25 @@ impl NormalGrowth {
             self.push_neighbours(normals, j);
         }
         reached
+    }
+
+    /// Whether a flat part, which has no outside of its own, faces the other side than the nearest points
+    /// that are done and that it continues, as an island in a sheet does; none if it continues none.
+    fn continues_turned(&self, points: &[DVec3], normals: &[DVec3], part: &[usize]) -> Option<bool> {
+        let mut is_other = self.done.clone();
+        part.iter().for_each(|&i| is_other[i] = false);
+        let others: Vec<usize> = (0..points.len()).filter(|&i| is_other[i]).collect();
+        let places: Vec<DVec3> = others.iter().map(|&i| points[i]).collect();
+        let tree = tree(&places).ok()?;
+        let nearest = |&i: &usize| {
+            let near = tree.query(points[i].as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
+            (near.distance, i, others[near.item as usize])
+        };
+        let (_, own, other) = part.iter().map(nearest).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let across = (points[own] - points[other]).normalize_or_zero();
+        let is_beside = across.dot(normals[own]).abs() < ACROSS;
+        let cosine = normals[own].dot(normals[other]);
+        (is_beside && cosine.abs() > CONTINUES).then_some(cosine < 0.0)
     }
 
     /// Whether the most parallel neighbour that is done faces the other side; none if no neighbour is done.

@@ -1,8 +1,8 @@
 //! Which base shape a cloud has.
 //!
-//! Input: points with normals. Output: sheet, tube or ball, first from the distribution of the normals. A ball
-//! is what is left, and closed on all sides. Normals from neighbours are wrong where readings lie on lines or
-//! on a coarse grid, so the points must also be no open cylinder.
+//! Input: points with normals. Output: sheet, tube or ball, first from the distribution of the normals. A
+//! ball is what is left, and closed on all sides. Normals from neighbours are wrong where readings lie on
+//! lines or on a coarse grid, so the points must also be no open cylinder.
 //!
 //! Not guaranteed: bent pipes. They are no cylinder, and taken for balls with closed ends.
 
@@ -23,8 +23,8 @@ const TIP_TURN: f64 = 0.3;
 
 /// Points that are compared with a cylinder and a sphere.
 const MAX_COMPARED: usize = 2000;
-/// Largest scatter of an open cylinder about a circular one, as a share of its radius and of the scatter about a
-/// sphere. A square tube has 0.11 of its radius, an ellipsoid of 5 : 1 has 0.28.
+/// Largest scatter of an open cylinder about a circular one, as a share of its radius and of the scatter
+/// about a sphere. A square tube has 0.11 of its radius, an ellipsoid of 5 : 1 has 0.28.
 const MAX_SCATTER: f64 = 0.15;
 const MAX_SHARE_OF_BALL: f64 = 0.5;
 /// Points nearer to the axis than this share of the radius are of caps; largest share of them. The caps of a
