@@ -11,6 +11,7 @@ use crate::base_fit::{fit_base_shape, scatter_about};
 use crate::hierarchy::Shape;
 use planish_core::vector3::tangents;
 use planish_core::{DVec3, SymmetricMatrix3};
+use std::collections::HashMap;
 
 /// Sections along the axis of a cloud, and the smallest number of points in one.
 const SECTIONS: usize = 50;
@@ -21,6 +22,10 @@ const MIN_SECTION: usize = 8;
 const TIP_RADIUS: f64 = 0.6;
 const TIP_TURN: f64 = 0.3;
 
+/// Points from which normals are smoothed, points in a cell, and smallest length of their mean normal.
+const MIN_SMOOTHED: usize = 1000;
+const PER_CELL: f64 = 8.0;
+const MIN_AGREEMENT: f64 = 0.5;
 /// Points that are compared with a cylinder and a sphere.
 const MAX_COMPARED: usize = 2000;
 /// Largest scatter of an open cylinder about a circular one, as a share of its radius and of the scatter
@@ -38,6 +43,8 @@ pub(crate) fn shape_from_normals(points: &[DVec3], normals: &[DVec3], variances:
         // Without normals, flat clouds are sheets.
         return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
     }
+    let smoothed = smoothed_normals(points, normals, variances);
+    let normals = smoothed.as_slice();
     let count = normals.len() as f64;
     let mean = 1.0 / count * normals.iter().sum::<DVec3>();
     if let Some(direction) = mean.try_normalize() {
@@ -56,6 +63,31 @@ pub(crate) fn shape_from_normals(points: &[DVec3], normals: &[DVec3], variances:
         }
     }
     Shape::Ball
+}
+
+/// The normals, each the mean of those in its cell of a grid, so that noise does not turn some of them to
+/// the other side of a sheet. Normals in a cell that do not agree, as those of both sides of a thin part,
+/// stay as they are.
+fn smoothed_normals(points: &[DVec3], normals: &[DVec3], variances: [f64; 3]) -> Vec<DVec3> {
+    if normals.len() < MIN_SMOOTHED {
+        return normals.to_vec();
+    }
+    // A rectangle of the sides a and b has the variances a²/12 and b²/12.
+    let area = 12.0 * (variances[0] * variances[1].max(0.0)).sqrt();
+    let side = (area * PER_CELL / normals.len() as f64).sqrt().max(f64::MIN_POSITIVE);
+    let cell_of = |p: &DVec3| p.to_array().map(|c| (c / side).floor() as i64);
+    let mut sums: HashMap<[i64; 3], (DVec3, f64)> = HashMap::new();
+    for (p, n) in points.iter().zip(normals) {
+        let (sum, count) = sums.entry(cell_of(p)).or_default();
+        *sum += *n;
+        *count += 1.0;
+    }
+    (points.iter().zip(normals))
+        .map(|(p, n)| match sums.get(&cell_of(p)) {
+            Some((sum, count)) if sum.length() > MIN_AGREEMENT * count => sum.normalize(),
+            _ => *n,
+        })
+        .collect()
 }
 
 /// True if a cloud is closed at an end of its axis: the last points lie in a narrow section, and their

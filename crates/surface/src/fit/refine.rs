@@ -368,8 +368,8 @@ impl Refinement<'_> {
         let information = weights(readings, &self.noise, gate, !round.is_last);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(
-                "expected readings near the surface, found none: check that the scans have one frame and \
-                 unit",
+                "expected readings near the surface, found none: they lie in two layers or on several \
+                 objects, or the scans differ in frame or unit",
             ));
         }
         progress.rms(rms_of_positions(&feet, &information));

@@ -20,6 +20,11 @@ const MAX_SHEET_SHARE: f64 = 0.1;
 /// Largest scatter about a sphere or a cylinder, as a share of its radius, for a body of that kind. An
 /// ellipsoid with axes 2 : 1 : 1 has 0.2, a torus of radii 3 : 1 has 0.24 about a sphere.
 const MAX_BODY_SCATTER: f64 = 0.22;
+/// Scatter of a part of a body over that about a quadratic height field, below which it is one.
+const MAX_SHARE_OF_QUADRATIC: f64 = 0.5;
+/// Cosine of the slope of a flank, and largest share of readings of a sheet on flanks.
+pub(super) const STEEP_COSINE: f64 = 0.707;
+pub(super) const MAX_STEEP: f64 = 0.1;
 /// Nearest neighbours whose heights are compared, at least one less than the readings of any shape.
 const NEIGHBOURS: usize = 4;
 /// Geary's contrast ratio of heights over a plane, below which readings are a height field: the mean square
@@ -49,9 +54,15 @@ pub(super) fn base_of_few(
     let shape = match wanted {
         Some(shape) => shape,
         None if 2 * known > points.len() => choose_base_shape(points, normals, None)?.shape,
-        None if is_height_field(points) => Shape::Sheet,
+        None if is_height_field(points) => match steep_part(points) {
+            Some(body) => return Ok(Some(body)),
+            None => Shape::Sheet,
+        },
         None => match direction_of_heights(points) {
             Some(up) => {
+                if let Some(body) = steep_part(points) {
+                    return Ok(Some(body));
+                }
                 let along = vec![up; points.len()];
                 return Ok(Some(upwards(choose_base_shape(points, &along, Some(Shape::Sheet))?, true)));
             }
@@ -102,8 +113,35 @@ fn fitted(points: &[DVec3], normals: &[DVec3], shape: Shape) -> Result<BaseShape
     Ok(best.unwrap_or(start))
 }
 
+/// The cylinder or sphere of which readings are a part with steep flanks, which is no height field that a
+/// few readings determine; none if they are no such part.
+fn steep_part(points: &[DVec3]) -> Option<BaseShape> {
+    let quadratic = variance_about_quadratic(points)?;
+    let bodies = [Shape::Tube, Shape::Ball].map(|shape| fitted(points, &[], shape).ok());
+    let body = (bodies.into_iter().flatten())
+        .min_by(|a, b| scatter_about(a, points).total_cmp(&scatter_about(b, points)))?;
+    let outwards = |p: &DVec3| {
+        let away = *p - body.centre;
+        let along =
+            if body.shape == Shape::Tube { away.dot(body.frame[2]) * body.frame[2] } else { DVec3::ZERO };
+        (away - along).normalize_or_zero()
+    };
+    let up = points.iter().map(outwards).sum::<DVec3>().normalize_or_zero();
+    let steep = points.iter().filter(|p| outwards(p).dot(up) < STEEP_COSINE).count() as f64;
+    let is_better = scatter_about(&body, points) < MAX_SHARE_OF_QUADRATIC * quadratic.sqrt();
+    (is_better && steep > MAX_STEEP * points.len() as f64).then_some(body)
+}
+
 /// True if a quadratic height field over the plane of the readings describes them.
 fn is_height_field(points: &[DVec3]) -> bool {
+    let (_, _, variances) = principal_axes(points);
+    // A flat cloud is a sheet, however rough.
+    variances[2] < 0.02 * variances[1]
+        || variance_about_quadratic(points).is_some_and(|variance| variance < MAX_SHEET_SHARE * variances[2])
+}
+
+/// Variance about the best quadratic height field over the plane of the readings; none of too few.
+fn variance_about_quadratic(points: &[DVec3]) -> Option<f64> {
     let (mean, axes, variances) = principal_axes(points);
     let size = variances[0].sqrt();
     let rows = DMatrix::from_fn(points.len(), 6, |i, j| {
@@ -111,15 +149,9 @@ fn is_height_field(points: &[DVec3]) -> bool {
         [1.0, x, y, x * x, x * y, y * y][j]
     });
     let heights = DVector::from_fn(points.len(), |i, _| axes[2].dot(points[i] - mean));
-    // A flat cloud is a sheet, however rough.
-    if variances[2] < 0.02 * variances[1] {
-        return true;
-    }
     let freedom = points.len() as f64 - 6.0;
-    let Some(found) = rows.clone().svd(true, true).solve(&heights, 1e-12).ok() else {
-        return false;
-    };
-    freedom >= 4.0 && (heights - rows * found).norm_squared() / freedom < MAX_SHEET_SHARE * variances[2]
+    let found = rows.clone().svd(true, true).solve(&heights, 1e-12).ok()?;
+    (freedom >= 4.0).then(|| (heights - rows * found).norm_squared() / freedom)
 }
 
 /// The principal axis along which readings are a height field; none if they are none along any.
