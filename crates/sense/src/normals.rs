@@ -498,6 +498,24 @@ mod tests {
         assert_eq!(inwards, 0);
     }
 
+    /// An island in a hole of a sheet has no outside of its own.
+    #[test]
+    fn an_island_faces_the_side_of_the_sheet_around_it() {
+        let points: Vec<DVec3> = (0..5000)
+            .map(|k| [(f64::from(k) * 0.618_034).fract(), (f64::from(k) * 0.754_878).fract()])
+            .map(|at| at.map(|c| 60.0 * c - 30.0))
+            .filter(|[x, y]| !(8.0..14.0).contains(&x.hypot(*y)))
+            .map(|[x, y]| DVec3::new(x, y, 3.0 * (0.1 * x).sin()))
+            .collect();
+        let mut normals = cloud_geometry(&points, 12).unwrap().normals;
+        for (k, normal) in normals.iter_mut().enumerate() {
+            *normal = if k % 2 == 0 { *normal } else { -*normal };
+        }
+        orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
+        let up = normals.iter().filter(|n| n.z > 0.0).count();
+        assert!(up == 0 || up == points.len(), "{up} of {}", points.len());
+    }
+
     #[test]
     fn only_steps_of_a_range_grid_are_depth_edges() {
         let (columns, rows) = (20, 10);

@@ -60,7 +60,7 @@ mod system;
 mod tangent_rows;
 mod tessellation;
 
-pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes};
+pub use base::{BaseShape, fit_function};
 pub use base_fit::{fit_base_shape, scatter_about, shape_parameters};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
 pub use cell_information::{CellCovariance, CellInformation, scalar_element, variance_along};
@@ -85,6 +85,7 @@ pub use propagation::{
     SymmetryKind, classify, fit_symmetry, propose_symmetry,
 };
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
+pub use shape_choice::{choose_base_shape, principal_axes};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;
 pub use tangent_rows::{TangentRows, curvature_tensor};

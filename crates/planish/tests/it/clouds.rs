@@ -144,7 +144,7 @@ fn points_with_shared_errors_keep_their_sigma() {
 
 #[test]
 fn a_sigma_stated_too_large_is_kept_with_a_finding() {
-    let fit = run(&set_of(sheet(5000, 3), Some(2.0 * SIGMA)));
+    let fit = run(&set_of(sheet(5000, 3), Some(1.3 * SIGMA)));
     let sensor = &fit.report.sensors[0];
     assert!(!sensor.sigma_used_is_estimated && sensor.sigma_shared.is_none(), "{sensor:?}");
     let code = planish::FindingCode::SensorSigmaCautious;

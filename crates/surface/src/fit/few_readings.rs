@@ -21,10 +21,10 @@ use crate::observe::{
     Foot, FootState, Observations, ProjectedReadings, Quantity, accumulate, project, surface_extent,
 };
 use crate::subdivision::RefinementLog;
-use base::{MAX_STEEP, STEEP_COSINE, base_of_few};
+use base::base_of_few;
 use nalgebra::{DMatrix, DVector};
 use planish_core::vector3::coordinates;
-use planish_core::{DVec3, Progress, Setting, Vec3};
+use planish_core::{DVec3, Progress, Vec3};
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Dispersion, Error, PenalizedReadings, Result, SmoothnessPosterior};
 use planish_spline::{BaseShape, FootPointSearch, Shape, Surface, SurfaceSystem, principal_axes};
@@ -195,7 +195,7 @@ impl<'a> HeightFit<'a> {
         if used < null + 3 {
             return Err(Error::undetermined(format!(
                 "expected readings near a {}, found {used} of {}: the others lie beyond its border or face \
-                 another side",
+                 another side; add readings",
                 self.base.shape.name(),
                 self.subset.len()
             )));
@@ -294,7 +294,6 @@ impl<'a> HeightFit<'a> {
         self.information = weights(readings, &self.noise, self.options.gate, false);
         let weight = self.typical_weight * posterior.relative_weight() / (enlarged * margin2);
         let prior = self.prior(weight)?;
-        self.refuse_steep()?;
         let marginal = MarginalHeights { posterior, directions: self.directions };
         refuse_line(self.base.shape, spread, sigma_of_readings(&self.feet, factors, readings))?;
         refuse_vague(
@@ -351,28 +350,6 @@ impl<'a> HeightFit<'a> {
         let balanced: Vec<f64> = balanced.collect();
         prior.vector_mut().copy_from_slice(&balanced);
         Ok(prior)
-    }
-
-    /// Refuses a sheet whose readings lie on steep flanks. A plate over the plane is too stiff there and
-    /// too soft in the middle: 95 % intervals of 25 to 50 readings of a cylinder over 120° to 180° covered
-    /// 0.5 to 0.9.
-    fn refuse_steep(&self) -> Result<()> {
-        if self.base.shape != Shape::Sheet {
-            return Ok(());
-        }
-        let up = self.base.frame[2];
-        let steep = (self.feet.iter().zip(&self.information))
-            .filter(|(foot, information)| **information > 0.0 && foot.normal.dot(up) < STEEP_COSINE)
-            .count();
-        if steep as f64 <= MAX_STEEP * self.feet.len() as f64 {
-            return Ok(());
-        }
-        Err(Error::undetermined(format!(
-            "{steep} of {} readings lie on flanks that are steeper than 45°, too few of them to fit a sheet: add \
-             readings (more than {MAX_READINGS}) or specify the shape of the whole object, such as a tube",
-            self.feet.len()
-        ))
-        .with_setting(Setting::Shape))
     }
 
     fn folded(&self) -> Error {

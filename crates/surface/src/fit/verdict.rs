@@ -259,7 +259,7 @@ fn passed_between(readings: ProjectedReadings<'_>) -> Result<Option<String>> {
         format!(
             "the surface runs between the readings: their distances from it are {} of their spacing, and \
              those of neighbours correlate by {}; there are two layers, edges or thin parts that readings \
-             so far apart do not show: add readings, or fit one side",
+             so far apart do not show, or too many outliers: add readings, or fit one side",
             percent(scale / spacing),
             significant(correlation, 2)
         )

@@ -22,9 +22,10 @@ const MAX_SHEET_SHARE: f64 = 0.1;
 const MAX_BODY_SCATTER: f64 = 0.22;
 /// Scatter of a part of a body over that about a quadratic height field, below which it is one.
 const MAX_SHARE_OF_QUADRATIC: f64 = 0.5;
-/// Cosine of the slope of a flank, and largest share of readings of a sheet on flanks.
-pub(super) const STEEP_COSINE: f64 = 0.707;
-pub(super) const MAX_STEEP: f64 = 0.1;
+/// Cosine of the slope of a flank, and the share of readings on flanks above which a part of a body is no
+/// sheet.
+const STEEP_COSINE: f64 = 0.707;
+const MAX_STEEP: f64 = 0.1;
 /// Nearest neighbours whose heights are compared, at least one less than the readings of any shape.
 const NEIGHBOURS: usize = 4;
 /// Geary's contrast ratio of heights over a plane, below which readings are a height field: the mean square

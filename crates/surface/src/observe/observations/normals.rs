@@ -189,3 +189,26 @@ fn step_of(points: &[DVec3], axis: usize) -> Option<f64> {
     let is_multiple = |gap: f64| (gap / step - (gap / step).round()).abs() < ROUNDING;
     gaps().all(is_multiple).then_some(step)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_that_were_rounded_show_their_step() {
+        let exact: Vec<DVec3> = (0..3000)
+            .map(|k| [0.618_034, 0.754_878, 0.569_840].map(|c| 37.0 * (f64::from(k) * c).fract()).into())
+            .collect();
+        assert_eq!(rounding_step(&exact), None);
+        for step in [0.1, 1.0, 2.5] {
+            let rounded: Vec<DVec3> = exact.iter().map(|p| step * (*p / step).round()).collect();
+            let found = rounding_step(&rounded).unwrap();
+            assert!((found / step - 1.0).abs() < 1e-6, "{step}: {found}");
+        }
+        // Heights over a grid are not rounded.
+        let heights: Vec<DVec3> = (0..3000_u32)
+            .map(|k| DVec3::new(f64::from(k % 50), f64::from(k / 50), f64::from(k).sin()))
+            .collect();
+        assert_eq!(rounding_step(&heights), None);
+    }
+}
