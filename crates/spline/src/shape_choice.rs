@@ -145,8 +145,8 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
             let filled = at_axis(far);
             if filled >= MIN_AT_AXIS && filled as f64 > MAX_AT_AXIS * points.len() as f64 {
                 return Err(Error::undetermined(format!(
-                    "expected points of a torus, whose hole is empty, found {filled} of {} near the axis: the \
-                     object has another shape",
+                    "expected points of a torus, whose hole is empty, found {filled} of {} near the axis: \
+                     the object has another shape",
                     points.len()
                 )));
             }
