@@ -2,7 +2,7 @@
 //!
 //! In: feet of readings on the surface. Out: the cells of a [`Support`](crate::model::Support). Each reading
 //! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ`
-//! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `3 h`
+//! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `2.5 h`
 //! lie around it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one spacing
 //! beyond the last reading, and holes of more than a few spacings stay open.
 //!
@@ -28,7 +28,7 @@ use std::f64::consts::PI;
 use std::num::NonZero;
 
 /// Distance in spacings up to which a reading supports a place that has readings on other sides as well.
-const REACH: f64 = 3.0;
+const REACH: f64 = 2.5;
 /// Distance in spacings up to which a single reading supports a place.
 const REACH_ALONE: f64 = 1.0;
 /// The neighbour whose distance gives the spacing. Fewer neighbours make it noisy; more blur its changes.
@@ -44,7 +44,7 @@ const CLOSE: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(8);
 const MIN_ISLAND: usize = 12;
 const MIN_SAMPLED_ISLAND: usize = 4;
 const MIN_FOR_ISLANDS: usize = 100;
-/// Readings near a place that are examined. Within the reach are 28 of evenly spread readings.
+/// Readings near a place that are examined. Within the reach are 20 of evenly spread readings.
 const CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(31);
 /// Readings whose spacing is computed; the others have that of the nearest of these. Spacing varies slowly.
 const MAX_SAMPLE: usize = 20_000;
@@ -287,6 +287,7 @@ pub(super) fn supported_cells(
     measured: &Supporters,
     inferred: Option<&Supporters>,
 ) -> Vec<(u8, Vec<SupportCell>)> {
+    let typical = measured.median_spacing();
     (0..occupied.len())
         .into_par_iter()
         .with_min_len(16)
@@ -306,7 +307,9 @@ pub(super) fn supported_cells(
                 return (0, vec![SupportCell { observed: Observed::Measured, distance: 0.0 }]);
             }
             let depth = (divisions(spacing).ceil().max(0.0) as u8).min(MAX_SUPPORT_DEPTH);
-            let is_near = occupied[leaf] != 0 || distance < length + REACH * spacing || inferred.is_some();
+            // The nearest reading may be alone, with a spacing of 0.
+            let reach = REACH * spacing.max(typical);
+            let is_near = occupied[leaf] != 0 || distance < length + reach || inferred.is_some();
             let depth = if is_near { depth } else { DEPTH_OF_DISTANCES.min(depth) };
             let cell = |local: [f64; 2]| cell_at(surface, leaf, local, measured, inferred);
             collapsed(depth, middles(depth).map(cell).collect())
