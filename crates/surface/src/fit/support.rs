@@ -2,9 +2,9 @@
 //!
 //! In: feet of readings on the surface. Out: the cells of a [`Support`](crate::model::Support). Each reading
 //! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ`
-//! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `2.5 h`
-//! lie around it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one spacing
-//! beyond the last reading, and holes of more than a few spacings stay open.
+//! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `2.5
+//! h` lie around it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one
+//! spacing beyond the last reading, and holes of more than a few spacings stay open.
 //!
 //! Two estimates of `h` are compared, and the larger one counts. The distance `d` to the eighth neighbour
 //! gives `d √(π/8)`. Scan lines are dense along the line only; their spacing is the radius within which
@@ -54,8 +54,8 @@ const MIN_ENCLOSED: usize = 6;
 const ENCLOSING_RADIUS: f64 = 1.25;
 /// Smallest cosine between the normals of a place and a reading on the same side of a thin part.
 const SAME_SIDE: f64 = 0.3;
-/// Side in spacings of the bins by which a leaf full of readings is recognised. Of evenly spread readings,
-/// one bin in 55 is empty by chance.
+/// Largest side in spacings of the bins by which a leaf full of readings is recognised, where these are not
+/// limited by [`OCCUPANCY_DEPTH`]. Of evenly spread readings, one bin in 55 is empty by chance.
 const BIN: f64 = 2.0;
 /// Divisions of an unobserved leaf, for the distance to the readings.
 const DEPTH_OF_DISTANCES: u8 = 2;
@@ -302,7 +302,7 @@ pub(super) fn supported_cells(
             let length = side * stretch.into_iter().fold(0.0, f64::max);
             let (distance, spacing) = measured.nearest(jet.point);
             let divisions = |size: f64| (length / size.max(f64::MIN_POSITIVE)).log2();
-            let bins = (divisions(BIN * spacing).floor().max(1.0) as u8).min(OCCUPANCY_DEPTH);
+            let bins = (divisions(BIN * spacing).ceil().max(1.0) as u8).min(OCCUPANCY_DEPTH);
             if is_full(occupied[leaf], bins) {
                 return (0, vec![SupportCell { observed: Observed::Measured, distance: 0.0 }]);
             }
