@@ -49,13 +49,13 @@ const MAX_AT_AXIS: f64 = 0.002;
 
 /// Chooses and fits a base shape to points with optional outward unit normals.
 ///
-/// If all normals face one side, the cloud is a sheet. If they are nearly perpendicular to an axis and
-/// surround it, and neither end narrows to a tip, it is a tube. Otherwise it is a ball. `wanted` overrides
-/// the choice. The shape encloses all points.
+/// If all normals face one side, the cloud is a sheet. If they are nearly perpendicular to an axis, and
+/// neither end narrows to a tip, or if the points lie on an open cylinder, it is a tube. Otherwise it is a
+/// ball. `wanted` overrides the choice. The shape encloses all points.
 ///
 /// # Errors
 /// `Undetermined` for fewer than 4 points, coincident or collinear points, and coplanar points if `wanted` is
-/// not a sheet.
+/// not a sheet, and for points near the axis of a torus.
 ///
 /// # Examples
 /// ```
@@ -85,12 +85,10 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
     }
     let is_known = |(_, normal): &(&DVec3, &DVec3)| normal.length_squared() > 0.5;
     let (at, known): (Vec<DVec3>, Vec<DVec3>) = points.iter().zip(normals).filter(is_known).unzip();
-    let mut shape = wanted.unwrap_or_else(|| shape_from_normals(&at, &known, variances));
-    let mut axis_of_tube = None;
-    if wanted.is_none() && shape == Shape::Ball {
-        axis_of_tube = axis_of_open_cylinder(points);
-        shape = if axis_of_tube.is_some() { Shape::Tube } else { Shape::Ball };
-    }
+    let by_normals = wanted.unwrap_or_else(|| shape_from_normals(&at, &known, variances));
+    let is_guess = wanted.is_none() && by_normals == Shape::Ball;
+    let axis_of_tube = if is_guess { axis_of_open_cylinder(points) } else { None };
+    let shape = if axis_of_tube.is_some() { Shape::Tube } else { by_normals };
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
             "expected points that are not in one plane for a {}: these determine only a sheet",
@@ -139,10 +137,9 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
                 let d = *p - centre;
                 (d - d.dot(axis) * axis).length()
             };
-            let at_axis = |far: f64| points.iter().filter(|p| from_axis(p) < HOLE_OF_TORUS * far).count();
             let (near, far) =
                 points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
-            let filled = at_axis(far);
+            let filled = points.iter().filter(|p| from_axis(p) < HOLE_OF_TORUS * far).count();
             if filled >= MIN_AT_AXIS && filled as f64 > MAX_AT_AXIS * points.len() as f64 {
                 return Err(Error::undetermined(format!(
                     "expected points of a torus, whose hole is empty, found {filled} of {} near the axis: \

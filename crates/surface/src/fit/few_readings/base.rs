@@ -121,16 +121,17 @@ fn steep_part(points: &[DVec3]) -> Option<BaseShape> {
     let bodies = [Shape::Tube, Shape::Ball].map(|shape| fitted(points, &[], shape).ok());
     let body = (bodies.into_iter().flatten())
         .min_by(|a, b| scatter_about(a, points).total_cmp(&scatter_about(b, points)))?;
-    let outwards = |p: &DVec3| {
-        let away = *p - body.centre;
-        let along =
-            if body.shape == Shape::Tube { away.dot(body.frame[2]) * body.frame[2] } else { DVec3::ZERO };
-        (away - along).normalize_or_zero()
-    };
+    let outwards = |p: &DVec3| away_from(&body, *p).normalize_or_zero();
     let up = points.iter().map(outwards).sum::<DVec3>().normalize_or_zero();
     let steep = points.iter().filter(|p| outwards(p).dot(up) < STEEP_COSINE).count() as f64;
     let is_better = scatter_about(&body, points) < MAX_SHARE_OF_QUADRATIC * quadratic.sqrt();
     (is_better && steep > MAX_STEEP * points.len() as f64).then_some(body)
+}
+
+/// A point from the centre of a sphere, or from the axis of a cylinder.
+fn away_from(body: &BaseShape, p: DVec3) -> DVec3 {
+    let away = p - body.centre;
+    if body.shape == Shape::Tube { away - away.dot(body.frame[2]) * body.frame[2] } else { away }
 }
 
 /// True if a quadratic height field over the plane of the readings describes them.
@@ -198,12 +199,7 @@ fn body(points: &[DVec3]) -> Result<BaseShape> {
     let is_around = |base: &BaseShape, directions: &[DVec3]| {
         directions.iter().all(|direction| {
             points.iter().any(|p| {
-                let away = *p - base.centre;
-                let away = if base.shape == Shape::Tube {
-                    away - away.dot(base.frame[2]) * base.frame[2]
-                } else {
-                    away
-                };
+                let away = away_from(base, *p);
                 away.dot(*direction) > MIN_COSINE * away.length()
             })
         })
