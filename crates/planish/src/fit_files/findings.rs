@@ -11,6 +11,9 @@ const MAX_NORMALISED: f64 = 1.5;
 /// Maximum mean residual of a scan, in σ of a reading. The mean of many readings is known far better, so
 /// smaller shifts are significant, too. They matter little, because the noise hides them.
 const MAX_MEAN_SIGMAS: f64 = 0.5;
+/// Maximum difference of a scan from the others where they overlap, in σ of a reading. Where they do not, the
+/// surface follows each of them, so it is wrong by as much.
+const MAX_DIFFERENCE_SIGMAS: f64 = 0.5;
 /// Maximum rejected share of a scan. A scan does not fit if its share is larger than this, and larger than
 /// three times the share of all scans.
 const MAX_REJECTED: f64 = 0.1;
@@ -26,8 +29,11 @@ pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
     let share = share_rejected(scans);
     let mut found: Vec<Finding> = scans.iter().filter_map(|scan| misfit(scan, share, unit)).collect();
+    if found.is_empty() {
+        found.extend(differences(scans, report.poses.iter().any(|pose| pose.moved.is_some()), unit));
+    }
+    let follows = found.is_empty() && report.verdict == FitVerdict::Converged && report.misfit.is_none();
     found.extend(held_out(report));
-    let follows = report.verdict == FitVerdict::Converged && report.misfit.is_none();
     if report.termination == FitTermination::Converged && follows {
         let text = "the fit converged: only noise remains in the residuals";
         found.push(Finding::new(FindingCode::Converged, text));
@@ -95,6 +101,28 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
     } else {
         None
     }
+}
+
+/// Whether scans differ where they overlap.
+fn differences(scans: &[ScanSummary], are_aligned: bool, unit: SmallUnit<'_>) -> Option<Finding> {
+    let ratio = |scan: &ScanSummary| scan.difference.map_or(0.0, |d| d.rms / d.sigma);
+    let off: Vec<&ScanSummary> = scans.iter().filter(|scan| ratio(scan) > MAX_DIFFERENCE_SIGMAS).collect();
+    let largest = off.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
+    let advice = match are_aligned {
+        true => "their poses were estimated, so the scans are distorted, or the object moved",
+        false => "their poses may be wrong; align the scans to estimate them",
+    };
+    let text = format!(
+        "{} of {} scans differ from the others where they overlap, most of all {} by {} ({} σ of a reading): \
+         {advice}",
+        off.len(),
+        scans.len(),
+        largest.name,
+        unit.text(largest.difference.map_or(0.0, |d| d.rms)),
+        significant(ratio(largest), 2),
+    );
+    let finding = Finding::new(FindingCode::ScanMisfit, text);
+    Some(if are_aligned { finding } else { finding.with_setting(Setting::Align) })
 }
 
 /// The share of readings that were rejected.

@@ -93,6 +93,32 @@ pub fn sharp_box(rng: &mut ChaCha8Rng) -> Box<dyn TrueSurface> {
     solid(1.0, move |p| box_distance(p, half))
 }
 
+/// A pipe along more than half of a ring, open at both ends.
+struct BentPipe {
+    radius: f64,
+    half_angle: f64,
+}
+
+impl TrueSurface for BentPipe {
+    fn value(&self, p: DVec3) -> f64 {
+        torus_distance(p, 0.7, self.radius)
+    }
+
+    fn half_side(&self) -> f64 {
+        1.0
+    }
+
+    fn beyond_rim(&self, p: DVec3) -> f64 {
+        0.7 * (p.y.atan2(p.x).abs() - self.half_angle)
+    }
+}
+
+/// A bent pipe of 230° to 300°.
+pub fn bent_pipe(rng: &mut ChaCha8Rng) -> Box<dyn TrueSurface> {
+    let half_angle = rng.random_range(115.0_f64..150.0).to_radians();
+    Box::new(BentPipe { radius: rng.random_range(0.15..0.22), half_angle })
+}
+
 /// Two balls of different radius that do not touch.
 pub fn two_bodies(rng: &mut ChaCha8Rng) -> Box<dyn TrueSurface> {
     let radius = rng.random_range(0.35..0.45);

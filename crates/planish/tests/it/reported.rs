@@ -141,3 +141,37 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
     let bent = (0..made.len()).filter(|&i| made.quantity(i) == Quantity::Curvature).count();
     assert_eq!(bent, 14);
 }
+
+/// Two scans that share a tenth of the sheet: the surface follows each of them where it is alone.
+#[test]
+fn scans_that_overlap_little_and_differ_are_named() {
+    let mut set = scene(Shape::Sheet, 6000).set;
+    let x = |set: &ScanSet, side: f64| {
+        let all = set.scans.iter().flat_map(|posed| &posed.scan.points);
+        all.map(|p| side * p.x).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let (low, high) = (-x(&set, -1.0), x(&set, 1.0));
+    for (posed, side) in set.scans.iter_mut().zip([-1.0, 1.0]) {
+        let Scan { points, normals, sigma, .. } = &mut posed.scan;
+        assert!(normals.is_none() && sigma.is_none());
+        points.retain(|p| side * (p.x - 0.5 * (low + high)) > -0.05 * (high - low));
+    }
+    let differs = |set: &ScanSet| {
+        let found = fit(set, &sheet(), &Silent).unwrap();
+        found
+            .readings
+            .unwrap()
+            .scans
+            .iter()
+            .filter_map(|scan| scan.difference)
+            .map(|d| d.rms / d.sigma)
+            .fold(0.0, f64::max)
+    };
+    let as_simulated = differs(&set);
+    for p in &mut set.scans[1].scan.points {
+        p.z += 0.25;
+    }
+    let displaced = differs(&set);
+    println!("difference over σ: {as_simulated}, then {displaced}");
+    assert!(as_simulated < 0.5 && displaced > 1.0);
+}

@@ -28,6 +28,9 @@ const DEGREES: f64 = 1.0;
 const DEGREES_OF_CHILDREN: f64 = 4.0;
 /// Share of leaves that have to miss shape before all are divided.
 const MISSING_LEAVES: f64 = 0.5;
+/// Squares of a leaf count up to this many times their median, which is that of normal errors of 3 σ: a
+/// gross error would decide for its leaf, and a finer surface follows it farther.
+const MAX_SQUARE: f64 = 20.0;
 
 /// A surface draped over points, on cells that miss no more than σ of a surface of `whole` readings.
 ///
@@ -91,21 +94,25 @@ impl Draped {
     fn misses_shape_of(&self, finer: &Self, base: &BaseShape, points: &[DVec3]) -> bool {
         let space = self.surface.space();
         let extent = space.extent();
-        // Number of points and sums of squares of each leaf, here and on the finer surface.
-        let mut sums = vec![(0.0, [0.0; 2]); space.leaves().len()];
+        // Squares of the points of each leaf, here and on the finer surface.
+        let mut squares: Vec<Vec<[f64; 2]>> = vec![Vec::new(); space.leaves().len()];
         for (i, p) in points.iter().enumerate() {
             let [u, v] = base.parameters(*p);
-            let (count, squares) = &mut sums[space.locate(u * extent[0], v * extent[1]).0];
-            *count += 1.0;
-            squares[0] += self.squares[i];
-            squares[1] += finer.squares[i];
+            let leaf = space.locate(u * extent[0], v * extent[1]).0;
+            squares[leaf].push([self.squares[i], finer.squares[i]]);
         }
-        sums.retain(|(count, _)| *count > DEGREES_OF_CHILDREN);
-        let misses = |(count, [coarse, fine]): &&(f64, [f64; 2])| {
-            let of_noise = fine / (count - DEGREES_OF_CHILDREN);
-            coarse / (count - DEGREES) > of_noise
+        squares.retain(|own| own.len() as f64 > DEGREES_OF_CHILDREN);
+        let misses = |own: &mut Vec<[f64; 2]>| {
+            let middle = own.len() / 2;
+            let typical = own.select_nth_unstable_by(middle, |a, b| a[0].total_cmp(&b[0])).1[0];
+            let [coarse, fine] =
+                [0, 1].map(|k| own.iter().map(|square| square[k].min(MAX_SQUARE * typical)).sum::<f64>());
+            let count = own.len() as f64;
+            coarse / (count - DEGREES) > fine / (count - DEGREES_OF_CHILDREN)
         };
-        sums.iter().filter(misses).count() as f64 > MISSING_LEAVES * sums.len() as f64
+        let all = squares.len() as f64;
+        let missing = squares.iter_mut().map(misses).filter(|misses| *misses).count();
+        missing as f64 > MISSING_LEAVES * all
     }
 }
 

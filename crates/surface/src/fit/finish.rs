@@ -197,6 +197,13 @@ pub(super) fn finish(
     model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
     let regions = misfit_regions(&model.surface, &misfits);
     this.add_support(&mut model, &verdict.misfit.feet, &regions)?;
+    let misfit = MisfitReport::from_leaves(&model.surface, &misfits, origin);
+    let verdict = match &misfit {
+        Some(misfit) if this.is_judged() && set.scans.len() == 1 => {
+            verdict.with_misfit(misfit, model.surface.space().shape(), options.force)?
+        }
+        _ => verdict,
+    };
 
     let judged = Judged {
         model: &model,
@@ -210,7 +217,7 @@ pub(super) fn finish(
             .sum::<f64>(),
         unresolved,
         verdict: &verdict,
-        misfit: MisfitReport::from_leaves(&model.surface, &misfits, origin),
+        misfit,
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
@@ -396,15 +403,18 @@ impl Finishing<'_> {
         Ok(())
     }
 
-    /// Judges whether the surface follows its readings. What lies on the ground is not followed on purpose.
+    /// True if the surface has to follow its readings. A later session may measure parts far from the model,
+    /// and what lies on the ground is not followed on purpose.
+    fn is_judged(&self) -> bool {
+        self.earlier.is_none() && self.options.ground().is_none()
+    }
+
+    /// Judges whether the surface follows its readings.
     fn verdict(&self, surface: &planish_spline::Surface, noise: &SensorNoise) -> Result<Verdict> {
-        // A later session may measure parts far from the model, so only a first fit is refused for far
-        // readings.
-        if self.earlier.is_some() {
-            return Ok(Verdict::default());
+        if self.earlier.is_none() {
+            self.refuse_minority_surface()?;
         }
-        self.refuse_minority_surface()?;
-        if self.options.ground().is_some() {
+        if !self.is_judged() {
             return Ok(Verdict::default());
         }
         let FitOptions { gate, force, .. } = *self.options;

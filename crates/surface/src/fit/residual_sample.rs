@@ -7,6 +7,7 @@
 
 use super::leaves::with_neighbours;
 use super::noise::SensorNoise;
+use super::scan_differences::{ScanDifference, scan_differences};
 use crate::observe::{ProjectedReadings, Quantity};
 use planish_core::DVec3;
 use planish_exchange::ScanSet;
@@ -32,6 +33,8 @@ pub struct ScanSummary {
     pub mean: f64,
     /// Root mean square of residual over σ.
     pub rms_normalised: f64,
+    /// How far it lies from the others where they overlap; none if that is not significant.
+    pub difference: Option<ScanDifference>,
 }
 
 /// A sample of the positions, as the fit judged them.
@@ -124,6 +127,10 @@ impl ResidualSample {
             figures.rms = (figures.rms / n).sqrt();
             figures.mean /= n;
             figures.rms_normalised = (figures.rms_normalised / n).sqrt();
+        }
+        let differences = scan_differences(readings, information, noise, sample.scans.len());
+        for (figures, difference) in sample.scans.iter_mut().zip(differences) {
+            figures.difference = difference;
         }
         sample.seen_by = vec![Vec::new(); leaves];
         for (scan, holds) in holds.iter().enumerate().filter(|(_, holds)| !holds.is_empty()) {

@@ -5,6 +5,7 @@
 
 use super::enclosed::{EnclosedSolid, EnclosedTopology};
 use super::leaves::leaf_areas;
+use super::misfit_report::MisfitReport;
 use super::noise::SensorNoise;
 use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
 use crate::observe::{Foot, Observations, ProjectedReadings, Quantity};
@@ -83,6 +84,31 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
+    /// Adds what only the residuals of all readings show: a surface that runs past more than a twentieth of
+    /// them, on more than a twentieth of its area. Several scans may contradict each other, which is no
+    /// matter of the shape.
+    ///
+    /// # Errors
+    /// `Undetermined` for such a surface, unless `force` keeps it.
+    pub(super) fn with_misfit(mut self, misfit: &MisfitReport, shape: Shape, force: bool) -> Result<Self> {
+        if misfit.area_fraction.min(misfit.readings_fraction) <= MAX_UNRESOLVED {
+            return Ok(self);
+        }
+        let text = format!(
+            "the surface does not follow {} of the readings, on {} of its area: {}",
+            percent(misfit.readings_fraction),
+            percent(misfit.area_fraction),
+            reason(shape, None, false)
+        );
+        if !force {
+            let text = format!("{text}; a result can be forced, but is wrong there");
+            return Err(Error::undetermined(text).with_setting(Setting::Force));
+        }
+        self.verdict = FitVerdict::Refused;
+        self.finding = Some(Finding::new(FindingCode::SurfaceRefused, text));
+        Ok(self)
+    }
+
     /// The largest places, for reports.
     pub(super) fn listed_places(&self) -> Vec<UnresolvedPlace> {
         self.misfit.places.iter().take(MAX_PLACES).copied().collect()
@@ -349,7 +375,8 @@ fn reason(shape: Shape, enclosed: Option<EnclosedTopology>, several_scans: bool)
         }
         _ => format!(
             "there is an edge, a hole, a thin part or another feature that a smooth {} of this resolution \
-             does not have{}",
+             does not have, or it is no {}{}",
+            shape.name(),
             shape.name(),
             if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),
