@@ -1,0 +1,185 @@
+//! Parametric domains of any topology: manifold meshes of quads, and the cubic spline space over them.
+//!
+//! Input: quads that share edges, closed or with borders, of any genus, in one or several components. Output:
+//! a [`QuadDomain`] with its neighbourhoods, and a [`QuadSpace`] with the sixteen B-spline coefficients of
+//! each leaf as a linear map of the control vertices.
+//!
+//! A quad is one cell; its corners are numbered counter-clockwise, `u` runs from corner 0 to 1 and `v` from 0
+//! to 3. Outside of each border lies a ring of quads that are no cells. Their vertices are control vertices
+//! beyond the border, as an open uniform spline has them. Where all corners of a cell have four quads, the
+//! spline is the uniform bicubic one. See decision 0111 for the other cells.
+//!
+//! | module | purpose |
+//! |---|---|
+//! | half_edges | neighbours across edges and around vertices, and defects of a mesh |
+//! | space | leaves with their extraction |
+//! | extraordinary | extraction around a vertex that has not four quads |
+//! | division | division of all quads by the rules of Catmull and Clark |
+//!
+//! Not guaranteed: positions. A domain has no geometry, and any vertices may be its control vertices.
+
+mod division;
+mod extraordinary;
+mod half_edges;
+mod space;
+#[cfg(test)]
+mod tests;
+
+pub use division::Division;
+use half_edges::HalfEdges;
+use planish_core::DisjointSets;
+use planish_estimate::{Error, Result};
+pub use space::{QuadLeaf, QuadSpace};
+use std::collections::HashMap;
+
+/// A manifold mesh of quads as a parametric domain.
+///
+/// # Examples
+/// The faces of a cube, each corner of which has three quads:
+/// ```
+/// use planish_spline::QuadDomain;
+/// let cube = QuadDomain::new(&[
+///     [0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5],
+/// ])?;
+/// assert_eq!((cube.components(), cube.borders(), cube.genus()), (1, 0, 0));
+/// assert_eq!(cube.extraordinary_vertices().len(), 8);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct QuadDomain {
+    /// Cells first, then the quads outside of borders.
+    edges: HalfEdges,
+    cells: usize,
+    /// Vertices of cells; those beyond borders follow.
+    inner_vertices: usize,
+    borders: usize,
+}
+
+impl QuadDomain {
+    /// A domain from quads with counter-clockwise corners.
+    ///
+    /// # Errors
+    /// `Input` with the number of a quad or vertex: a quad with a repeated corner, an edge with more than two
+    /// quads or with two of opposite orientation, a vertex where several fans of quads meet, an unused
+    /// vertex.
+    pub fn new(cells: &[[u32; 4]]) -> Result<Self> {
+        let inner = HalfEdges::new(cells.to_vec())?;
+        let inner_vertices = inner.vertex_count();
+        let mut quads = cells.to_vec();
+        let borders = add_outer_quads(&inner, &mut quads);
+        let edges = if borders == 0 { inner } else { HalfEdges::new(quads)? };
+        Ok(Self { edges, cells: cells.len(), inner_vertices, borders })
+    }
+
+    /// The cells: corners of each, counter-clockwise.
+    #[must_use]
+    pub fn cells(&self) -> &[[u32; 4]] {
+        &self.edges.quads()[..self.cells]
+    }
+
+    /// Number of control vertices, those beyond borders included.
+    #[must_use]
+    pub fn vertex_count(&self) -> usize {
+        self.edges.vertex_count()
+    }
+
+    /// Number of vertices of cells. They come before those beyond borders.
+    #[must_use]
+    pub fn inner_vertex_count(&self) -> usize {
+        self.inner_vertices
+    }
+
+    /// Number of quads around a vertex of a cell, those beyond borders included.
+    #[must_use]
+    pub fn valence(&self, vertex: u32) -> usize {
+        self.edges.around(vertex).count()
+    }
+
+    /// Vertices of cells that have not four quads, in ascending order.
+    #[must_use]
+    pub fn extraordinary_vertices(&self) -> Vec<u32> {
+        (0..self.inner_vertices as u32).filter(|&v| self.valence(v) != 4).collect()
+    }
+
+    /// Number of border loops.
+    #[must_use]
+    pub fn borders(&self) -> usize {
+        self.borders
+    }
+
+    /// Number of connected components.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        let mut sets = DisjointSets::new(self.inner_vertices);
+        let mut count = self.inner_vertices;
+        for quad in self.cells() {
+            count -= quad.windows(2).filter(|pair| sets.join(pair[0], pair[1])).count();
+        }
+        count
+    }
+
+    /// Sum of the genera of all components, with each border closed by a disc.
+    #[must_use]
+    pub fn genus(&self) -> usize {
+        let inner_edges: usize = (0..4 * self.cells as u32)
+            .filter(|&h| self.edges.opposite(h).is_none_or(|o| o > h || o as usize >= 4 * self.cells))
+            .count();
+        // χ = V − E + F, and each component has χ = 2 − 2 g − borders.
+        let closed = (self.inner_vertices + self.cells + self.borders) as i64 - inner_edges as i64;
+        ((2 * self.components() as i64 - closed) / 2).max(0) as usize
+    }
+
+    fn edges(&self) -> &HalfEdges {
+        &self.edges
+    }
+}
+
+/// Adds the quads outside of all borders, and returns the number of border loops.
+///
+/// A border vertex gets one vertex outside, and a corner that has a single quad three: with them each has
+/// four quads, unless it had more than two.
+fn add_outer_quads(inner: &HalfEdges, quads: &mut Vec<[u32; 4]>) -> usize {
+    let borders: Vec<u32> = inner.border_edges().collect();
+    if borders.is_empty() {
+        return 0;
+    }
+    let mut next_vertex = inner.vertex_count() as u32;
+    let mut take = || {
+        next_vertex += 1;
+        next_vertex - 1
+    };
+    // For each border vertex, its outer neighbours beside the border edge that ends and that begins there.
+    let mut outside: HashMap<u32, [u32; 2]> = HashMap::new();
+    for &h in &borders {
+        let vertex = inner.start(h);
+        let is_corner = inner.around(vertex).count() == 1;
+        let first = take();
+        if is_corner {
+            let (second, diagonal) = (take(), take());
+            outside.insert(vertex, [first, second]);
+            quads.push([vertex, first, diagonal, second]);
+        } else {
+            outside.insert(vertex, [first, first]);
+        }
+    }
+    for &h in &borders {
+        let (a, b) = (inner.start(h), inner.end(h));
+        quads.push([b, a, outside[&a][1], outside[&b][0]]);
+    }
+    // Border edges in the order in which they follow each other.
+    let after: HashMap<u32, u32> = borders.iter().map(|&h| (inner.start(h), inner.end(h))).collect();
+    let mut left: std::collections::BTreeSet<u32> = after.keys().copied().collect();
+    let mut loops = 0;
+    while let Some(mut vertex) = left.pop_first() {
+        loops += 1;
+        while let Some(&next) = after.get(&vertex).filter(|next| left.remove(next)) {
+            vertex = next;
+        }
+    }
+    loops
+}
+
+/// `Input` error of a mesh that is no domain.
+fn invalid(text: impl std::fmt::Display) -> Error {
+    Error::input(format!("the quads are no domain: {text}"))
+}
