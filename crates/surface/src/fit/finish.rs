@@ -197,12 +197,10 @@ pub(super) fn finish(
     model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
     let regions = misfit_regions(&model.surface, &misfits);
     this.add_support(&mut model, &verdict.misfit.feet, &regions)?;
-    let misfit = MisfitReport::from_leaves(&model.surface, &misfits, origin);
-    let verdict = match &misfit {
-        Some(misfit) if this.is_judged() && set.scans.len() == 1 => {
-            verdict.with_misfit(misfit, model.surface.space().shape(), options.force)?
-        }
-        _ => verdict,
+    let verdict = if this.is_judged() {
+        verdict.with_missed_readings(model.surface.space(), readings, &noise, this.verdict_input())?
+    } else {
+        verdict
     };
 
     let judged = Judged {
@@ -217,7 +215,7 @@ pub(super) fn finish(
             .sum::<f64>(),
         unresolved,
         verdict: &verdict,
-        misfit,
+        misfit: MisfitReport::from_leaves(&model.surface, &misfits, origin),
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
@@ -417,22 +415,21 @@ impl Finishing<'_> {
         if !self.is_judged() {
             return Ok(Verdict::default());
         }
-        let FitOptions { gate, force, .. } = *self.options;
         // A user who asks for an estimate knows that the statement may be wrong.
-        if !force && !self.options.noise_rules().may_lower {
+        if !self.options.force && !self.options.noise_rules().may_lower {
             refuse_far_larger_noise(self.set, self.observations, noise)?;
         }
-        judge_surface(
-            surface,
-            self.readings(),
-            VerdictInput {
-                gate,
-                information: self.information,
-                force,
-                several_scans: self.set.scans.len() > 1,
-                origin: self.origin,
-            },
-        )
+        judge_surface(surface, self.readings(), self.verdict_input())
+    }
+
+    fn verdict_input(&self) -> VerdictInput<'_> {
+        VerdictInput {
+            gate: self.options.gate,
+            information: self.information,
+            force: self.options.force,
+            several_scans: self.set.scans.len() > 1,
+            origin: self.origin,
+        }
     }
 
     /// What is known about the vertices, before the poses and biases of scans.

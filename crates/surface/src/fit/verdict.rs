@@ -4,8 +4,7 @@
 //! does not follow, or a refusal. See decision 0101.
 
 use super::enclosed::{EnclosedSolid, EnclosedTopology};
-use super::leaves::leaf_areas;
-use super::misfit_report::MisfitReport;
+use super::leaves::{leaf_areas, neighbourhood};
 use super::noise::SensorNoise;
 use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
 use crate::observe::{Foot, Observations, ProjectedReadings, Quantity};
@@ -14,7 +13,7 @@ use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result, median_magnitude_scale};
 use planish_exchange::ScanSet;
 use planish_sense::Neighbourhoods;
-use planish_spline::{Shape, Surface};
+use planish_spline::{Hierarchy, Shape, Surface};
 use serde::Serialize;
 
 /// Largest share of the measured area that may be unresolved in a result; with a topology that the surface
@@ -84,23 +83,29 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
-    /// Adds what only the residuals of all readings show: a surface that runs past more than a twentieth of
-    /// them, on more than a twentieth of its area. Several scans may contradict each other, which is no
-    /// matter of the shape.
+    /// Adds what only residuals show: a surface that runs past most readings where more than a twentieth of
+    /// them lie. Several scans may contradict each other, which is no matter of the shape.
     ///
     /// # Errors
     /// `Undetermined` for such a surface, unless `force` keeps it.
-    pub(super) fn with_misfit(mut self, misfit: &MisfitReport, shape: Shape, force: bool) -> Result<Self> {
-        if misfit.area_fraction.min(misfit.readings_fraction) <= MAX_UNRESOLVED {
+    pub(super) fn with_missed_readings(
+        mut self,
+        space: &Hierarchy,
+        readings: ProjectedReadings<'_>,
+        noise: &SensorNoise,
+        input: VerdictInput<'_>,
+    ) -> Result<Self> {
+        let share = missed_share(space, readings, noise, input.gate);
+        if input.several_scans || share <= MAX_UNRESOLVED {
             return Ok(self);
         }
         let text = format!(
-            "the surface does not follow {} of the readings, on {} of its area: {}",
-            percent(misfit.readings_fraction),
-            percent(misfit.area_fraction),
-            reason(shape, None, false)
+            "the surface misses most readings where {} of them lie: {}{}",
+            percent(share),
+            reason(space.shape(), None, false),
+            gross_errors(readings.observations)
         );
-        if !force {
+        if !input.force {
             let text = format!("{text}; a result can be forced, but is wrong there");
             return Err(Error::undetermined(text).with_setting(Setting::Force));
         }
@@ -179,14 +184,7 @@ pub(super) fn judge_surface(
         text += "; that depends on where exactly the border of the solid is drawn, so the readings may also \
                  be too few to show its shape";
     }
-    let off = off_surface_share(readings.observations);
-    if off > MANY_OFF_SURFACE {
-        text += &format!(
-            "; {} of the readings agree on no surface with their neighbours, as gross errors and second \
-             layers do",
-            percent(off)
-        );
-    }
+    text += &gross_errors(readings.observations);
     if refused && !input.force {
         let text = format!("{text}; a result can be forced, but is wrong there");
         return Err(Error::undetermined(text).with_setting(Setting::Force));
@@ -230,6 +228,26 @@ pub(super) fn refuse_far_larger_noise(
         }
     }
     Ok(())
+}
+
+/// Share of the readings on a surface that lie where the fitted one misses most of those around, by the σ of
+/// their sensors.
+fn missed_share(space: &Hierarchy, readings: ProjectedReadings<'_>, noise: &SensorNoise, gate: f64) -> f64 {
+    // Of each leaf, the readings that agree with their neighbours, and those of them that are missed.
+    let mut counts = vec![[0_usize; 2]; space.leaves().len()];
+    for (k, _, foot) in measured_positions(readings).filter(|(_, i, _)| is_on_surface(readings, *i)) {
+        let variance = noise.variance_factors[readings.channel(k)] * foot.variance;
+        let [all, missed] = &mut counts[foot.leaf as usize];
+        *all += 1;
+        *missed += usize::from(foot.height().powi(2) > gate * gate * variance);
+    }
+    let is_missed = |leaf: &usize| {
+        let near = neighbourhood(space, *leaf);
+        let [all, missed] = [0, 1].map(|k| near.iter().map(|&leaf| counts[leaf][k]).sum::<usize>());
+        2 * missed > all
+    };
+    let lost: usize = (0..counts.len()).filter(is_missed).map(|leaf| counts[leaf][0]).sum();
+    lost as f64 / counts.iter().map(|[all, _]| all).sum::<usize>().max(1) as f64
 }
 
 /// A sentence on a small cloud of which the surface does not follow many readings that agree with their
@@ -348,6 +366,14 @@ fn median(values: &mut [f64]) -> Option<f64> {
 fn off_surface_share(observations: &Observations) -> f64 {
     let marks = &observations.readings.on_surface;
     marks.iter().filter(|on| !**on).count() as f64 / marks.len().max(1) as f64
+}
+
+/// What a refusal adds if many readings lie on no surface.
+fn gross_errors(observations: &Observations) -> String {
+    let off = off_surface_share(observations);
+    let text =
+        "of the readings agree on no surface with their neighbours, as gross errors and second layers do";
+    if off > MANY_OFF_SURFACE { format!("; {} {text}", percent(off)) } else { String::new() }
 }
 
 /// Share of the area whose leaves have their middle far from a solid.
