@@ -197,7 +197,8 @@ pub(super) fn finish(
     model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
     let regions = misfit_regions(&model.surface, &misfits);
     this.add_support(&mut model, &verdict.misfit.feet, &regions)?;
-    let verdict = if this.is_judged() {
+    let misfit = MisfitReport::from_leaves(&model.surface, &misfits, origin);
+    let verdict = if this.is_judged() && misfit.is_some() {
         verdict.with_missed_readings(model.surface.space(), readings, &noise, this.verdict_input())?
     } else {
         verdict
@@ -215,7 +216,7 @@ pub(super) fn finish(
             .sum::<f64>(),
         unresolved,
         verdict: &verdict,
-        misfit: MisfitReport::from_leaves(&model.surface, &misfits, origin),
+        misfit,
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;

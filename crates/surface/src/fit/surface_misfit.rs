@@ -58,6 +58,8 @@ pub(super) struct SurfaceMisfit {
     pub area_fraction: f64,
     /// Places, largest first.
     pub places: Vec<UnresolvedPlace>,
+    /// Typical spacing of the readings that were judged; 0 if they were too few.
+    pub spacing: f64,
     /// Leaf and place in it of the feet of the readings that are not followed.
     pub feet: Vec<(usize, [f64; 2])>,
 }
@@ -131,7 +133,7 @@ pub(super) fn surface_misfit(
         .collect();
     places.sort_by(|a, b| b.area_fraction.total_cmp(&a.area_fraction));
     let feet = clusters.iter().flatten().map(|&i| judged[i].foot).collect();
-    Ok(SurfaceMisfit { area_fraction: lost / total, places, feet })
+    Ok(SurfaceMisfit { area_fraction: lost / total, places, spacing: typical.unwrap_or(0.0), feet })
 }
 
 /// The positions that are judged, with their distances.

@@ -56,6 +56,9 @@ const MIN_BETWEEN: usize = 50;
 const MAX_BETWEEN: usize = 20_000;
 /// Heights count up to this many times their scale.
 const HUBER_BOUND: f64 = 4.0;
+/// A reading is missed from this share of the spacing on. Closer, shape is below what the readings resolve,
+/// and part of σ, as with exact points of a body with many details. Those of a bent pipe are off by 0.6.
+const MIN_SPACINGS: f64 = 0.3;
 /// Share of readings on no surface that a refusal names.
 const MANY_OFF_SURFACE: f64 = 0.1;
 /// Fewer readings show no solid: between them the indicator has holes.
@@ -84,7 +87,8 @@ pub(super) struct Verdict {
 
 impl Verdict {
     /// Adds what only residuals show: a surface that runs past most readings where more than a twentieth of
-    /// them lie. Several scans may contradict each other, which is no matter of the shape.
+    /// them lie. Several scans may contradict each other, which is no matter of the shape. A surface that
+    /// misses what its cells cannot resolve everywhere has no places of misfit, and σ contains it.
     ///
     /// # Errors
     /// `Undetermined` for such a surface, unless `force` keeps it.
@@ -95,7 +99,8 @@ impl Verdict {
         noise: &SensorNoise,
         input: VerdictInput<'_>,
     ) -> Result<Self> {
-        let share = missed_share(space, readings, noise, input.gate);
+        let least = MIN_SPACINGS * self.misfit.spacing;
+        let share = missed_share(space, readings, noise, input.gate, least);
         if input.several_scans || share <= MAX_UNRESOLVED {
             return Ok(self);
         }
@@ -163,7 +168,7 @@ pub(super) fn judge_surface(
         .map(|solid| if stray > MAX_STRAY { solid.at_any_level } else { solid.topology })
         .filter(|topology| !topology.is_ball());
     if misfit.places.is_empty() && stray <= MAX_STRAY {
-        return Ok(Verdict::default());
+        return Ok(Verdict { misfit, ..Verdict::default() });
     }
     let allowed = if other.is_some() { MAX_UNRESOLVED_OF_OTHER_TOPOLOGY } else { MAX_UNRESOLVED };
     let refused = misfit.area_fraction > allowed || stray > MAX_STRAY;
@@ -231,15 +236,21 @@ pub(super) fn refuse_far_larger_noise(
 }
 
 /// Share of the readings on a surface that lie where the fitted one misses most of those around, by the σ of
-/// their sensors.
-fn missed_share(space: &Hierarchy, readings: ProjectedReadings<'_>, noise: &SensorNoise, gate: f64) -> f64 {
+/// their sensors and by the distance `least`.
+fn missed_share(
+    space: &Hierarchy,
+    readings: ProjectedReadings<'_>,
+    noise: &SensorNoise,
+    gate: f64,
+    least: f64,
+) -> f64 {
     // Of each leaf, the readings that agree with their neighbours, and those of them that are missed.
     let mut counts = vec![[0_usize; 2]; space.leaves().len()];
     for (k, _, foot) in measured_positions(readings).filter(|(_, i, _)| is_on_surface(readings, *i)) {
         let variance = noise.variance_factors[readings.channel(k)] * foot.variance;
         let [all, missed] = &mut counts[foot.leaf as usize];
         *all += 1;
-        *missed += usize::from(foot.height().powi(2) > gate * gate * variance);
+        *missed += usize::from(foot.height().abs() > (gate * variance.sqrt()).max(least));
     }
     let is_missed = |leaf: &usize| {
         let near = neighbourhood(space, *leaf);
