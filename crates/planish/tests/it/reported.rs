@@ -12,6 +12,10 @@ use planish_estimate::ErrorKind;
 use planish_exchange::ScanSet;
 use planish_sense::{PrincipalCurvatures, Scan, Sensor};
 use planish_spline::Shape;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+use std::f64::consts::{PI, TAU};
 
 fn scene(shape: Shape, readings: usize) -> ScanScene {
     scans(&ScanSceneOptions {
@@ -174,4 +178,28 @@ fn scans_that_overlap_little_and_differ_are_named() {
     let displaced = differs(&set);
     println!("difference over σ: {as_simulated}, then {displaced}");
     assert!(as_simulated < 0.5 && displaced > 1.0);
+}
+
+/// A pipe that is bent by 270° and open at both ends. Chosen as a ball, its cells would fold over each other.
+#[test]
+fn bent_pipes_are_refused() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let normal = Normal::new(0.0, 0.05).unwrap();
+    let points = std::iter::repeat_with(|| {
+        let (along, around) = (rng.random_range(0.0..1.5 * PI), rng.random_range(0.0..TAU));
+        let radius = 40.0 + 10.0 * around.cos();
+        // Evenly by area: the outer side is longer.
+        let is_kept = rng.random_range(0.0..50.0) < radius;
+        let p = DVec3::new(radius * along.cos(), radius * along.sin(), 10.0 * around.sin());
+        is_kept.then(|| p + DVec3::from_array([0; 3].map(|_| normal.sample(&mut rng))))
+    });
+    let scan =
+        Scan { name: "pipe".to_owned(), points: points.flatten().take(8000).collect(), ..Scan::default() };
+    let mut set = scene(Shape::Sheet, 100).set;
+    set.scans.truncate(1);
+    set.scans[0].scan = scan;
+    set.sensors[set.scans[0].sensor].noise = None;
+    let error = fit(&set, &FitOptions::default(), &Silent).err().unwrap();
+    assert_eq!(error.kind(), ErrorKind::Undetermined);
+    assert!(error.to_string().contains("misses most readings"), "{error}");
 }

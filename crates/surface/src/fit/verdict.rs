@@ -99,9 +99,12 @@ impl Verdict {
         noise: &SensorNoise,
         input: VerdictInput<'_>,
     ) -> Result<Self> {
+        if input.several_scans {
+            return Ok(self);
+        }
         let least = MIN_SPACINGS * self.misfit.spacing;
         let share = missed_share(space, readings, noise, input.gate, least);
-        if input.several_scans || share <= MAX_UNRESOLVED {
+        if share <= MAX_UNRESOLVED {
             return Ok(self);
         }
         let text = format!(
