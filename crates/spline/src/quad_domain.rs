@@ -121,9 +121,8 @@ impl QuadDomain {
     /// Sum of the genera of all components, with each border closed by a disc.
     #[must_use]
     pub fn genus(&self) -> usize {
-        let inner_edges: usize = (0..4 * self.cells as u32)
-            .filter(|&h| self.edges.opposite(h).is_none_or(|o| o > h || o as usize >= 4 * self.cells))
-            .count();
+        let inner_edges: usize =
+            (0..4 * self.cells as u32).filter(|&h| self.edges.opposite(h).is_none_or(|o| o > h)).count();
         // χ = V − E + F, and each component has χ = 2 − 2 g − borders.
         let closed = (self.inner_vertices + self.cells + self.borders) as i64 - inner_edges as i64;
         ((2 * self.components() as i64 - closed) / 2).max(0) as usize
@@ -166,17 +165,9 @@ fn add_outer_quads(inner: &HalfEdges, quads: &mut Vec<[u32; 4]>) -> usize {
         let (a, b) = (inner.start(h), inner.end(h));
         quads.push([b, a, outside[&a][1], outside[&b][0]]);
     }
-    // Border edges in the order in which they follow each other.
-    let after: HashMap<u32, u32> = borders.iter().map(|&h| (inner.start(h), inner.end(h))).collect();
-    let mut left: std::collections::BTreeSet<u32> = after.keys().copied().collect();
-    let mut loops = 0;
-    while let Some(mut vertex) = left.pop_first() {
-        loops += 1;
-        while let Some(&next) = after.get(&vertex).filter(|next| left.remove(next)) {
-            vertex = next;
-        }
-    }
-    loops
+    // Each edge of a loop joins two of its vertices, except the last one.
+    let mut sets = DisjointSets::new(inner.vertex_count());
+    borders.iter().filter(|&&h| !sets.join(inner.start(h), inner.end(h))).count()
 }
 
 /// `Input` error of a mesh that is no domain.

@@ -38,25 +38,18 @@ pub(super) const VERTICES_PER_CELL: usize = 6;
 /// are above 7e-4, and these below 1e-15.
 const MIN_SINGULAR: f64 = 1e-8;
 
-/// Numbers of control vertices: the vertex, and six for each cell, in the frame of which it is at (0, 0).
-fn vertex_at(valence: usize, cell: usize, [s, t]: [i8; 2]) -> usize {
-    let next = cell + 1;
-    let before = cell + valence - 1;
-    let (of, k) = match [s, t] {
+/// The number of the control vertex at a place in the frame of a cell: 0 for the common vertex, which is at
+/// (0, 0), then six for each cell.
+fn vertex_at(valence: usize, cell: usize, place: [i8; 2]) -> usize {
+    // Places beyond the two edges at the vertex belong to the neighbours.
+    let (of, own) = match place {
         [0, 0] => return 0,
-        [1, 0] => (cell, 0),
-        [1, 1] => (cell, 1),
-        [2, 0] => (cell, 2),
-        [2, 1] => (cell, 3),
-        [2, 2] => (cell, 4),
-        [1, 2] => (cell, 5),
-        [0, 1] => (next, 0),
-        [0, 2] => (next, 2),
-        [-1, 1] => (next, 1),
-        [-1, 2] => (next, 3),
-        [1, -1] => (before, 1),
-        _ => (before, 5),
+        [0, t] => (cell + 1, [t, 0]),
+        [-1, t] => (cell + 1, [t, 1]),
+        [s, -1] => (cell + valence - 1, [1, s]),
+        own => (cell, own),
     };
+    let k = PLACES.iter().position(|p| *p == own).unwrap_or_default();
     1 + VERTICES_PER_CELL * (of % valence) + k
 }
 
@@ -86,7 +79,7 @@ type Ordinates = Vec<DVector<f64>>;
 /// The leaves of one cell around a vertex of `valence` quads, row by row along `t`: for each, the sixteen
 /// coefficients as weights of the control vertices.
 ///
-/// Control vertices are numbered from the vertex at (0, 0) and this cell on: see [`places`].
+/// Control vertices are numbered from the vertex at (0, 0) and this cell on: see [`PLACES`].
 pub(super) fn leaf_weights_around(valence: usize) -> Vec<Vec<[f64; 16]>> {
     let fan = Fan::new(valence);
     let solution = fan.solve();

@@ -1,6 +1,6 @@
 //! Leaves of a domain, and their coefficients from control vertices.
 
-use super::extraordinary::{PIECES, PLACES, VERTICES_PER_CELL, leaf_weights_around};
+use super::extraordinary::{PIECES, PLACES, leaf_weights_around};
 use super::half_edges::next;
 use super::{QuadDomain, invalid};
 use crate::surface::leaf_weights;
@@ -235,7 +235,6 @@ fn fan_vertices(domain: &QuadDomain, h: u32) -> Vec<u32> {
             _ => edges.beyond_start(third).unwrap_or_default(),
         };
         nodes.extend(PLACES.map(at));
-        debug_assert_eq!((nodes.len() - 1) % VERTICES_PER_CELL, 0);
         // The next spoke counter-clockwise is the other edge of this quad.
         spoke = edges.opposite(next(third)).unwrap_or(h);
     }

@@ -65,7 +65,7 @@ fn two_holes() -> (Vec<[u32; 4]>, Vec<DVec3>) {
 
 /// A domain whose cells have at most one corner without four quads, and random control vertices near smooth
 /// ones.
-fn divided_twice(quads: &[[u32; 4]], positions: &[DVec3], noise: f64) -> (QuadSpace, Vec<DVec3>) {
+fn divided(quads: &[[u32; 4]], positions: &[DVec3], noise: f64) -> (QuadSpace, Vec<DVec3>) {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let first = QuadDomain::new(quads).unwrap().divided().unwrap();
     let mut vertices = first.apply(positions);
@@ -193,7 +193,7 @@ fn normals_are_continuous() {
         cases.push((fan(n), all));
     }
     for (quads, positions) in cases {
-        let (space, vertices) = divided_twice(&quads, &positions, 0.2);
+        let (space, vertices) = divided(&quads, &positions, 0.2);
         let edges = space.domain().edges();
         let cells = space.domain().cells().len() as u32;
         for h in 0..4 * cells {
@@ -225,7 +225,7 @@ fn normals_are_continuous() {
 #[test]
 fn functions_are_independent() {
     let (quads, positions) = two_holes();
-    let (space, _) = divided_twice(&quads, &positions, 0.0);
+    let (space, _) = divided(&quads, &positions, 0.0);
     let n = space.domain().vertex_count();
     let mut gram = DMatrix::<f64>::zeros(n, n);
     for (leaf, QuadLeaf { side, .. }) in space.leaves().iter().enumerate() {
@@ -276,7 +276,7 @@ fn division_keeps_the_surface() {
         assert!(change(&QuadSpace::new(Arc::new(domain)).unwrap(), &vertices) < 1e-13);
     }
     let (quads, positions) = two_holes();
-    let (space, vertices) = divided_twice(&quads, &positions, 0.0);
+    let (space, vertices) = divided(&quads, &positions, 0.0);
     let first = change(&space, &vertices);
     let division = space.domain().divided().unwrap();
     let finer_vertices = division.apply(&vertices);

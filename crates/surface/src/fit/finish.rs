@@ -197,7 +197,7 @@ pub(super) fn finish(
     model.excess_variance = this.excess_variance(&model.surface, left, &misfits, &shared);
     let regions = misfit_regions(&model.surface, &misfits);
     this.add_support(&mut model, &verdict.misfit.feet, &regions)?;
-    let misfit = MisfitReport::from_leaves(&model.surface, &misfits, origin);
+    let misfit = MisfitReport::from_leaves(&model.surface, &misfits, &regions, origin);
     let verdict = if this.is_judged() && misfit.is_some() {
         verdict.with_missed_readings(model.surface.space(), readings, &noise, this.verdict_input())?
     } else {

@@ -48,10 +48,14 @@ pub struct MisfitReport {
 }
 
 impl MisfitReport {
-    /// From the misfit of each leaf; none if the surface follows its readings. `origin` is the world position
-    /// of the origin of the surface.
-    pub(super) fn from_leaves(surface: &Surface, misfits: &[LeafMisfit], origin: DVec3) -> Option<Self> {
-        let regions = misfit_regions(surface, misfits);
+    /// From the misfit of each leaf and its regions; none if the surface follows its readings. `origin` is the
+    /// world position of the origin of the surface.
+    pub(super) fn from_leaves(
+        surface: &Surface,
+        misfits: &[LeafMisfit],
+        regions: &[Vec<usize>],
+        origin: DVec3,
+    ) -> Option<Self> {
         let areas = leaf_areas(surface);
         let total: f64 = areas.iter().sum();
         let mut places: Vec<MisfitPlace> =
