@@ -48,8 +48,8 @@ pub struct MisfitReport {
 }
 
 impl MisfitReport {
-    /// From the misfit of each leaf and its regions; none if the surface follows its readings. `origin` is the
-    /// world position of the origin of the surface.
+    /// From the misfit of each leaf and its regions; none if the surface follows its readings. `origin` is
+    /// the world position of the origin of the surface.
     pub(super) fn from_leaves(
         surface: &Surface,
         misfits: &[LeafMisfit],
