@@ -519,7 +519,7 @@ fn model(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
         unit: Some(model.unit),
         files: vec![path.to_path_buf()],
         contents: Contents::Model(Box::new(ModelInfo {
-            shape: space.shape().name().to_owned(),
+            shape: space.topology_name().to_owned(),
             coefficients: space.node_count(),
             levels: space.levels(),
             cells: space.leaves().len(),

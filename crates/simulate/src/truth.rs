@@ -34,7 +34,13 @@ pub struct Truth {
 #[derive(Debug, Clone)]
 enum Form {
     Closed(ClosedForm),
-    Spline(Surface),
+    Spline(Shape, Surface),
+}
+
+/// # Errors
+/// `Input` for a space over quads.
+fn shape_of(space: &Hierarchy) -> Result<Shape> {
+    space.shape().ok_or_else(|| Error::input("expected the space of a sheet, tube, ball or torus"))
 }
 
 /// A dense mesh of the surface with the parameters of its vertices.
@@ -111,12 +117,6 @@ impl Truth {
         Self::from_form(Form::Closed(form))
     }
 
-    /// A true surface that is the given spline.
-    #[must_use]
-    pub fn from_surface(surface: Surface) -> Self {
-        Self::from_form(Form::Spline(surface))
-    }
-
     /// A random smooth surface of exactly this spline space, about `size` long.
     ///
     /// It is a freeform (for a torus, a round one) fitted on the base grid, with every control vertex moved
@@ -125,12 +125,13 @@ impl Truth {
     /// # Errors
     /// As [`Truth::freeform`], but a torus is supported.
     pub fn in_space(space: &Arc<Hierarchy>, size: f64, seed: u64) -> Result<Self> {
-        let base = Arc::new(Hierarchy::uniform(space.shape(), space.base())?);
+        let base = Arc::new(space.unrefined());
         let [columns, rows] = base.extent();
-        let smooth = if space.shape() == Shape::Torus {
+        let shape = shape_of(space)?;
+        let smooth = if shape == Shape::Torus {
             BaseShape::torus(DVec3::ZERO, DVec3::Z, 0.35 * size, 0.15 * size).surface(space.base())?
         } else {
-            let form = ClosedForm::random(space.shape(), size, seed)?;
+            let form = ClosedForm::random(shape, size, seed)?;
             fit_function(&base, |u, v| form.jet(u / columns, v / rows).point)?
         };
         let smooth = smooth.refined(Arc::clone(space))?;
@@ -146,7 +147,7 @@ impl Truth {
             vertex.map(|c| c + sigma * rng.sample::<f64, _>(StandardNormal))
         });
         let moved = moved.collect();
-        Ok(Self::from_surface(Surface::new(Arc::clone(space), moved)?))
+        Ok(Self::from_form(Form::Spline(shape, Surface::new(Arc::clone(space), moved)?)))
     }
 
     /// A surface whose control vertices are drawn from a Gaussian.
@@ -163,7 +164,8 @@ impl Truth {
         factor.solve_lower_transpose_in_place(&mut draw)?;
         let moved = mean.vertices().iter().zip(draw.chunks_exact(3));
         let vertices = moved.map(|(p, d)| DVec3::new(p[0] + d[0], p[1] + d[1], p[2] + d[2])).collect();
-        Ok(Self::from_surface(Surface::new(Arc::clone(mean.space()), vertices)?))
+        let shape = shape_of(mean.space())?;
+        Ok(Self::from_form(Form::Spline(shape, Surface::new(Arc::clone(mean.space()), vertices)?)))
     }
 
     fn from_form(form: Form) -> Self {
@@ -175,7 +177,7 @@ impl Truth {
     pub fn shape(&self) -> Shape {
         match &self.form {
             Form::Closed(form) => form.shape(),
-            Form::Spline(surface) => surface.space().shape(),
+            Form::Spline(shape, _) => *shape,
         }
     }
 
@@ -184,7 +186,7 @@ impl Truth {
     pub fn closed_form(&self) -> Option<&ClosedForm> {
         match &self.form {
             Form::Closed(form) => Some(form),
-            Form::Spline(_) => None,
+            Form::Spline(..) => None,
         }
     }
 
@@ -193,7 +195,7 @@ impl Truth {
     pub fn surface(&self) -> Option<&Surface> {
         match &self.form {
             Form::Closed(_) => None,
-            Form::Spline(surface) => Some(surface),
+            Form::Spline(_, surface) => Some(surface),
         }
     }
 
@@ -208,7 +210,7 @@ impl Truth {
     pub fn jet(&self, u: f64, v: f64) -> Jet {
         match &self.form {
             Form::Closed(form) => form.jet(u, v),
-            Form::Spline(surface) => {
+            Form::Spline(_, surface) => {
                 let [a, b] = surface.space().extent();
                 let jet = surface.jet(u * a, v * b);
                 // The spline is parametrised by base cells: the chain rule to [0, 1]².
@@ -229,7 +231,7 @@ impl Truth {
     fn regular_jet(&self, u: f64, v: f64) -> Jet {
         match &self.form {
             Form::Closed(form) => form.regular_jet(u, v),
-            Form::Spline(_) => self.jet(u, v),
+            Form::Spline(..) => self.jet(u, v),
         }
     }
 
@@ -293,9 +295,9 @@ impl Truth {
             Form::Closed(ClosedForm::Sheet(form)) => (Shape::Sheet, form.sides[0] / form.sides[1]),
             Form::Closed(ClosedForm::Bent(form)) => (Shape::Sheet, form.sides[0] / form.sides[1]),
             Form::Closed(_) => (Shape::Tube, 1.25),
-            Form::Spline(surface) => {
+            Form::Spline(shape, surface) => {
                 let [columns, rows] = surface.space().extent();
-                (surface.space().shape(), columns / rows)
+                (*shape, columns / rows)
             }
         };
         // Two triangles per cell, and cells that are about square.
@@ -342,7 +344,7 @@ impl Truth {
         self.dense.get_or_init(|| {
             let triangles = match &self.form {
                 Form::Closed(_) => SEARCH_TRIANGLES + 2_000,
-                Form::Spline(surface) => {
+                Form::Spline(_, surface) => {
                     (100 * surface.space().leaves().len()).clamp(8_000, SEARCH_TRIANGLES)
                 }
             };
@@ -422,7 +424,7 @@ impl Truth {
         let start = dense.parameters[self.nearest_vertex(near.triangle, near.barycentric)];
         let (point, at_border) = match &self.form {
             Form::Closed(form) => nearest_point(form, z, start),
-            Form::Spline(surface) => {
+            Form::Spline(_, surface) => {
                 let space = surface.space();
                 let [a, b] = space.extent();
                 let options = ProjectionOptions { max_steps: 60, relative_tolerance: 1e-12 };
@@ -487,7 +489,7 @@ impl Truth {
         let step = step.map(|s| share * s);
         match &self.form {
             Form::Closed(form) => form.moved(at, step),
-            Form::Spline(surface) => {
+            Form::Spline(_, surface) => {
                 let [a, b] = surface.space().extent();
                 let [u, v] = surface.space().wrap((at[0] + step[0]) * a, (at[1] + step[1]) * b);
                 [u / a, v / b]

@@ -181,7 +181,7 @@ impl BaseShape {
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
 pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> DVec3) -> Result<Surface> {
-    if space.shape() == Shape::Ball {
+    if space.shape() == Some(Shape::Ball) {
         // The three anchors of a pole are one point, so collocation on the ball itself is singular.
         let tube = fit_function(&Arc::new(Hierarchy::uniform(Shape::Tube, space.base())?), f)?;
         let vertices = space.vertices_from(|cell| tube.cell_coefficients(cell).unwrap_or([DVec3::ZERO; 16]));
@@ -217,11 +217,7 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
     let [u0, v0] = space.wrap(u, v);
     let (leaf, [s, t]) = space.locate(u0, v0);
     let side = space.leaves()[leaf].side();
-    surface.leaf_point(
-        leaf,
-        s + (if space.shape().periodic_u() { 0.0 } else { u - u0 }) / side,
-        t + (v - v0) / side,
-    )
+    surface.leaf_point(leaf, s + (if space.periodic_u() { 0.0 } else { u - u0 }) / side, t + (v - v0) / side)
 }
 
 #[cfg(test)]

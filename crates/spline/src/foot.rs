@@ -85,9 +85,6 @@ pub(crate) fn project_onto(
     [u, v]: [f64; 2],
     options: &ProjectionOptions,
 ) -> FootPoint {
-    let extent = space.extent();
-    let shape = space.shape();
-    let open = [!shape.periodic_u(), !shape.periodic_v() && !shape.polar()];
     let mut at = space.wrap(u, v);
     let (mut leaf, mut local) = space.locate(at[0], at[1]);
     let mut jet = jet_at(leaf, local);
@@ -98,12 +95,13 @@ pub(crate) fn project_onto(
         let side = space.leaves()[leaf].side();
         let r = jet.point - z;
         let gradient = [jet.du.dot(r), jet.dv.dot(r)];
-        for d in 0..2 {
-            // A bound is active only while the point pulls outwards. Otherwise the foot could never leave the
-            // border.
-            held[d] =
-                open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
-        }
+        // A bound is active only while the point pulls outwards. Otherwise the foot could never leave the
+        // border.
+        let [left, right, bottom, top] = space.on_border(at);
+        held = [
+            (left && gradient[0] > 0.0) || (right && gradient[0] < 0.0),
+            (bottom && gradient[1] > 0.0) || (top && gradient[1] < 0.0),
+        ];
         let step = newton_step(&jet, r, gradient, held);
         // Limit steps to two cells, because the quadratic model of the distance is local.
         let longest = step[0].abs().max(step[1].abs());
@@ -124,17 +122,13 @@ pub(crate) fn project_onto(
         let mut share = (2.0 * side / longest).min(1.0);
         let mut moved = false;
         for _ in 0..6 {
-            let mut next = [at[0] + share * step[0], at[1] + share * step[1]];
-            let inside = [0, 1].map(|d| local[d] + share * step[d] / side);
+            let part = step.map(|x| share * x);
+            let mut next = [at[0] + part[0], at[1] + part[1]];
+            let inside = [0, 1].map(|d| local[d] + part[d] / side);
             let (next_leaf, next_local) = if inside.iter().all(|c| (0.0..1.0).contains(c)) {
                 (leaf, inside)
             } else {
-                for d in 0..2 {
-                    if open[d] {
-                        next[d] = next[d].clamp(0.0, extent[d]);
-                    }
-                }
-                next = space.wrap(next[0], next[1]);
+                next = space.moved(at, part);
                 space.locate(next[0], next[1])
             };
             let next_jet = jet_at(next_leaf, next_local);
@@ -390,7 +384,7 @@ impl FootPointSearch {
             return Err(Error::undetermined("the surface has no usable sample"));
         }
         let unusable = |e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}"));
-        let layer = || Raster::from_layer(&samples, &normals).filter(|_| space.shape() == Shape::Sheet);
+        let layer = || Raster::from_layer(&samples, &normals).filter(|_| space.shape() == Some(Shape::Sheet));
         let tree = if normal_scale > 0.0 {
             let with_normals = samples.iter().zip(&normals).map(|(p, n)| {
                 let n = normal_scale * *n;

@@ -232,7 +232,7 @@ impl Surface {
         let extent = self.space().extent()[1];
         // Farther from a pole, `S_u` has correct digits and the usual formulas hold.
         let near = 1e-9 * extent;
-        if self.space().shape() != Shape::Ball {
+        if self.space().shape() != Some(Shape::Ball) {
             None
         } else if v <= near {
             Some(1.0)

@@ -16,7 +16,9 @@
 mod extraction;
 mod grading;
 mod layout;
+mod places;
 mod poles;
+mod quads;
 mod shape;
 
 use crate::basis::cubic_half;
@@ -26,10 +28,11 @@ use layout::{FoundLeaves, Layout, Walk};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use poles::{POLE_ANGLES, PoleMap};
+use quads::OverQuads;
 use rayon::prelude::*;
 pub use shape::Shape;
 use std::collections::HashMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// A knot square: level and integer position in the grid of that level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -56,23 +59,19 @@ pub const MAX_LEVEL: usize = 12;
 
 const NOT_A_LEAF: u32 = u32::MAX;
 
-/// Moves a parameter into `[0, n]`. The test comes first, because almost all are inside and a remainder is
-/// slow.
-#[inline]
-fn wrap_or_clamp(x: f64, n: f64, periodic: bool) -> f64 {
-    if (0.0..n).contains(&x) {
-        x
-    } else if periodic {
-        x.rem_euclid(n)
-    } else {
-        x.clamp(0.0, n)
-    }
+/// How the cells of the base are joined.
+#[derive(Debug, Clone)]
+enum Topology {
+    /// A grid.
+    Grid(Shape),
+    /// A mesh of quads in one row, each joined to others by any of its sides.
+    Quads(OverQuads),
 }
 
 /// The quadtree, its basis functions and their extraction on every leaf cell.
 #[derive(Debug, Clone)]
 pub struct Hierarchy {
-    shape: Shape,
+    topology: Topology,
     base: [usize; 2],
     /// For each level, by cell (row-major): true if the cell exists and is split.
     split: Vec<Vec<bool>>,
@@ -196,20 +195,25 @@ impl Hierarchy {
     /// ```
     #[must_use]
     pub fn refine(&self, marked: &[usize]) -> Self {
-        Self::build(self.shape, self.base, self.split_with(marked))
+        self.with_split(self.split_with(marked))
     }
 
     /// Number of nodes that [`Hierarchy::refine`] would produce, at a fraction of its cost.
     #[must_use]
     pub fn refined_node_count(&self, marked: &[usize]) -> usize {
-        Layout::new(self.shape, self.base, self.split_with(marked)).hierarchy.node_count()
+        match &self.topology {
+            Topology::Grid(shape) => {
+                Layout::new(*shape, self.base, self.split_with(marked)).hierarchy.node_count()
+            }
+            Topology::Quads(_) => self.refine(marked).node_count(),
+        }
     }
 
     /// The split cells after splitting the marked leaves.
     fn split_with(&self, marked: &[usize]) -> Vec<Vec<bool>> {
         let mut split = self.split.clone();
         for &leaf in marked {
-            let cell = self.leaves[leaf];
+            let cell = self.cell_of_leaf(leaf);
             let level = usize::from(cell.level);
             // Not an error: refinement by a criterion marks the same cell again in every round.
             if level >= MAX_LEVEL {
@@ -218,8 +222,17 @@ impl Hierarchy {
             let columns = grid(self.base, level)[0];
             split[level][cell.j as usize * columns + cell.i as usize] = true;
         }
-        close(self.shape, self.base, &mut split, MAX_LEVEL);
+        match &self.topology {
+            Topology::Grid(shape) => close(*shape, self.base, &mut split, MAX_LEVEL),
+            Topology::Quads(over) => quads::close(&over.domain, &mut split, MAX_LEVEL - 2),
+        }
         split
+    }
+
+    /// The cell whose functions a leaf has: itself, except at extraordinary vertices.
+    fn cell_of_leaf(&self, leaf: usize) -> Cell {
+        let own = self.leaves[leaf];
+        self.quads().and_then(|over| over.cell_of_piece(own)).unwrap_or(own)
     }
 
     /// The hierarchy with every leaf split.
@@ -228,10 +241,78 @@ impl Hierarchy {
         self.refine(&(0..self.leaves.len()).collect::<Vec<_>>())
     }
 
-    /// The topology.
+    /// The shape of the base grid; none over a domain of quads.
     #[must_use]
-    pub fn shape(&self) -> Shape {
-        self.shape
+    pub fn shape(&self) -> Option<Shape> {
+        match self.topology {
+            Topology::Grid(shape) => Some(shape),
+            Topology::Quads(_) => None,
+        }
+    }
+
+    /// The name of the topology in files: that of the shape, or `quads`.
+    #[must_use]
+    pub fn topology_name(&self) -> &'static str {
+        self.shape().map_or("quads", Shape::name)
+    }
+
+    /// True if u is periodic.
+    #[inline]
+    #[must_use]
+    pub fn periodic_u(&self) -> bool {
+        self.shape().is_some_and(Shape::periodic_u)
+    }
+
+    /// True if v is periodic.
+    #[inline]
+    #[must_use]
+    pub fn periodic_v(&self) -> bool {
+        self.shape().is_some_and(Shape::periodic_v)
+    }
+
+    /// True if the ends of v are poles.
+    #[inline]
+    #[must_use]
+    pub fn polar(&self) -> bool {
+        self.shape().is_some_and(Shape::polar)
+    }
+
+    /// True if both have the same cells before any is split.
+    #[must_use]
+    pub fn same_base(&self, other: &Self) -> bool {
+        let domains = [self, other].map(|space| space.domain().map(|domain| domain.cells()));
+        self.shape() == other.shape() && self.base == other.base && domains[0] == domains[1]
+    }
+
+    /// The hierarchy without splits.
+    #[must_use]
+    pub fn unrefined(&self) -> Self {
+        let split = vec![vec![false; self.base[0] * self.base[1]]];
+        self.with_split(split)
+    }
+
+    fn with_split(&self, split: Vec<Vec<bool>>) -> Self {
+        match &self.topology {
+            Topology::Grid(shape) => Self::build(*shape, self.base, split),
+            Topology::Quads(over) => Self::build_over(Arc::clone(&over.domain), split),
+        }
+    }
+
+    /// A cell that is split in another hierarchy over the same base, but not in this one.
+    pub(crate) fn coarser_than(&self, other: &Self) -> Option<Cell> {
+        (0..).zip(&other.split).find_map(|(level, split)| {
+            let own = self.split.get(level);
+            let columns = grid(self.base, level)[0];
+            let k = (0..split.len()).find(|&k| split[k] && !own.is_some_and(|own| own[k]))?;
+            Some(Cell { level: level as u8, i: (k % columns) as u32, j: (k / columns) as u32 })
+        })
+    }
+
+    fn quads(&self) -> Option<&OverQuads> {
+        match &self.topology {
+            Topology::Grid(_) => None,
+            Topology::Quads(over) => Some(over),
+        }
     }
 
     /// Number of cells of the base grid along u and v.
@@ -276,100 +357,6 @@ impl Hierarchy {
     pub fn extraction(&self, leaf: usize) -> (&[u32], &[[f64; 16]]) {
         let range = self.offsets[leaf] as usize..self.offsets[leaf + 1] as usize;
         (&self.nodes[range.clone()], &self.weights[range])
-    }
-
-    /// The leaf that contains `(u, v)`, and the local coordinates in it. Periodic parameters are wrapped,
-    /// others are clamped.
-    ///
-    /// # Examples
-    /// ```
-    /// use planish_spline::{Hierarchy, Shape};
-    ///
-    /// let space = Hierarchy::uniform(Shape::Tube, [8, 4])?;
-    /// let (leaf, local) = space.locate(9.25, 0.5); // u is periodic: 9.25 is 1.25
-    /// assert_eq!(space.parameters(leaf, local), [1.25, 0.5]);
-    /// # Ok::<(), planish_spline::Error>(())
-    /// ```
-    #[inline]
-    #[must_use]
-    pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
-        let [u, v] = self.wrap(u, v);
-        self.cell_at(0, u, v).unwrap_or_else(|| self.locate_below(u, v))
-    }
-
-    /// The leaf below the base grid that contains `(u, v)`. Kept out of line, so that the common case of a
-    /// base cell stays small.
-    #[inline(never)]
-    fn locate_below(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
-        let mut level = 1;
-        loop {
-            if let Some(found) = self.cell_at(level, u, v) {
-                return found;
-            }
-            level += 1;
-        }
-    }
-
-    /// The leaf of a level that contains `(u, v)`, and the local coordinates in it; `None` if the cell of
-    /// that level is not a leaf.
-    #[inline(always)]
-    fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
-        // A table per level instead of a tree of pointers: most points lie in cells of few levels, and a step
-        // is one look-up.
-        let [columns, rows] = grid(self.base, level);
-        let scale = (1_u64 << level) as f64;
-        // The upper end of the domain belongs to the last cell.
-        let i = ((u * scale) as usize).min(columns - 1);
-        let j = ((v * scale) as usize).min(rows - 1);
-        match self.leaf_number[level][j * columns + i] {
-            NOT_A_LEAF => None,
-            leaf => Some((leaf as usize, [u * scale - i as f64, v * scale - j as f64])),
-        }
-    }
-
-    /// Moves parameters into the domain: wraps periodic directions, clamps open ones, and continues across
-    /// the pole of a ball.
-    #[inline]
-    #[must_use]
-    pub fn wrap(&self, mut u: f64, mut v: f64) -> [f64; 2] {
-        let [nu, nv] = self.extent();
-        if self.shape.polar() {
-            if v < 0.0 {
-                v = -v;
-                u += nu / 2.0;
-            } else if v > nv {
-                v = 2.0 * nv - v;
-                u += nu / 2.0;
-            }
-        }
-        [wrap_or_clamp(u, nu, self.shape.periodic_u()), wrap_or_clamp(v, nv, self.shape.periodic_v())]
-    }
-
-    /// Parameters of a leaf-local point.
-    #[must_use]
-    pub fn parameters(&self, leaf: usize, local: [f64; 2]) -> [f64; 2] {
-        let cell = self.leaves[leaf];
-        let side = cell.side();
-        [(f64::from(cell.i) + local[0]) * side, (f64::from(cell.j) + local[1]) * side]
-    }
-
-    /// The leaf that equals or contains a cell; `None` if the cell is split.
-    #[must_use]
-    pub fn leaf_over(&self, cell: Cell) -> Option<usize> {
-        for level in (0..=usize::from(cell.level)).rev() {
-            if level >= self.leaf_number.len() {
-                continue;
-            }
-            // From fine to coarse: a leaf of this level or the first one above it.
-            let shift = usize::from(cell.level) - level;
-            let (i, j) = (cell.i as usize >> shift, cell.j as usize >> shift);
-            let columns = grid(self.base, level)[0];
-            let leaf = self.leaf_number[level][j * columns + i];
-            if leaf != NOT_A_LEAF {
-                return Some(leaf as usize);
-            }
-        }
-        None
     }
 
     /// For each node, the leaves of its support.
@@ -495,8 +482,8 @@ impl Hierarchy {
         let j = cell.j as usize + k / 4;
         Cell {
             level: cell.level,
-            i: if self.shape.periodic_u() { i % columns } else { i } as u32,
-            j: if self.shape.periodic_v() { j % rows } else { j } as u32,
+            i: if self.periodic_u() { i % columns } else { i } as u32,
+            j: if self.periodic_v() { j % rows } else { j } as u32,
         }
     }
 
@@ -538,8 +525,8 @@ impl Hierarchy {
     fn function_grid(&self, level: usize) -> [usize; 2] {
         let [columns, rows] = grid(self.base, level);
         [
-            if self.shape.periodic_u() { columns } else { columns + 3 },
-            if self.shape.periodic_v() { rows } else { rows + 3 },
+            if self.periodic_u() { columns } else { columns + 3 },
+            if self.periodic_v() { rows } else { rows + 3 },
         ]
     }
 }

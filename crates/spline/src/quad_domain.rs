@@ -1,8 +1,7 @@
 //! Parametric domains of any topology: manifold meshes of quads, and the cubic spline space over them.
 //!
 //! Input: quads that share edges, closed or with borders, of any genus, in one or several components. Output:
-//! a [`QuadDomain`] with its neighbourhoods, and a [`QuadSpace`] with the sixteen B-spline coefficients of
-//! each leaf as a linear map of the control vertices.
+//! a [`QuadDomain`] with its neighbourhoods on all levels, for [`Hierarchy::over`](crate::Hierarchy::over).
 //!
 //! A quad is one cell; its corners are numbered counter-clockwise, `u` runs from corner 0 to 1 and `v` from 0
 //! to 3. Outside of each border lies a ring of quads that are no cells. Their vertices are control vertices
@@ -12,7 +11,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | half_edges | neighbours across edges and around vertices, and defects of a mesh |
-//! | space | leaves with their extraction |
+//! | level | cells and vertices of the levels |
 //! | extraordinary | extraction around a vertex that has not four quads |
 //! | division | division of all quads by the rules of Catmull and Clark |
 //!
@@ -21,15 +20,18 @@
 mod division;
 mod extraordinary;
 mod half_edges;
-mod space;
+mod level;
+#[cfg(test)]
+pub(crate) mod test_meshes;
 #[cfg(test)]
 mod tests;
 
 pub use division::Division;
+pub(crate) use extraordinary::{PIECES, VERTICES_PER_CELL, leaf_weights_around};
 use half_edges::HalfEdges;
+pub(crate) use level::{Level, LevelCell, Neighbourhood, to_edge};
 use planish_core::DisjointSets;
 use planish_estimate::{Error, Result};
-pub use space::{QuadLeaf, QuadSpace};
 use std::collections::HashMap;
 
 /// A manifold mesh of quads as a parametric domain.
@@ -126,6 +128,31 @@ impl QuadDomain {
         // χ = V − E + F, and each component has χ = 2 − 2 g − borders.
         let closed = (self.inner_vertices + self.cells + self.borders) as i64 - inner_edges as i64;
         ((2 * self.components() as i64 - closed) / 2).max(0) as usize
+    }
+
+    /// # Errors
+    /// `Input` if cubic splines over the domain are not defined.
+    pub(crate) fn check_spline(&self) -> Result<()> {
+        for (q, quad) in self.cells().iter().enumerate() {
+            let mut special = quad.iter().filter(|&&v| self.valence(v) != 4);
+            if let (Some(a), Some(b)) = (special.next(), special.next()) {
+                return Err(invalid(format_args!(
+                    "vertices {a} and {b} of quad {q} have not four quads each; divide the domain once"
+                )));
+            }
+        }
+        self.check_borders()
+    }
+
+    /// # Errors
+    /// `Input` for border vertices with more than two quads. Splines have no vertices beyond the border there.
+    fn check_borders(&self) -> Result<()> {
+        let on_border = self.edges.quads()[self.cells..].iter().flatten();
+        let mut crowded = on_border.filter(|&&v| (v as usize) < self.inner_vertices && self.valence(v) != 4);
+        match crowded.next() {
+            Some(v) => Err(invalid(format_args!("vertex {v} on a border has more than two quads"))),
+            None => Ok(()),
+        }
     }
 
     fn edges(&self) -> &HalfEdges {

@@ -33,14 +33,20 @@ use planish_estimate::{Error, Result};
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
 pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<f64>> {
-    if fine.shape() != coarse.shape() || fine.base() != coarse.base() {
+    if !fine.same_base(coarse) {
         return Err(Error::input("refinement needs the same shape and base grid"));
     }
-    if let Some(cell) = fine.leaves().iter().find(|&&cell| coarse.leaf_over(cell).is_none()) {
+    if let Some(cell) = fine.coarser_than(coarse) {
         return Err(Error::input(format!("the other hierarchy is coarser at {cell:?}")));
     }
     let (rows, columns) = (fine.node_count(), coarse.node_count());
     let mut alpha = DMatrix::zeros(rows, columns);
+    if let Some(nodes) = coarse.refined_nodes(fine) {
+        for (row, own) in nodes.iter().enumerate() {
+            own.iter().for_each(|&(node, w)| alpha[(row, node as usize)] = w);
+        }
+        return Ok(alpha);
+    }
     // Compute three columns at a time, as the three coordinates of a vertex.
     for first in (0..columns).step_by(3) {
         let mut unit = vec![DVec3::ZERO; columns];

@@ -163,7 +163,8 @@ impl Surface {
         }
     }
 
-    /// The same surface over a finer hierarchy (exact).
+    /// The same surface over a finer hierarchy. It is exact, except over quads around extraordinary vertices
+    /// that are split there.
     ///
     /// # Errors
     /// `Input` when shape or base grid differ, or the other hierarchy is coarser somewhere.
@@ -180,16 +181,22 @@ impl Surface {
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
     pub fn refined(&self, finer: Arc<Hierarchy>) -> Result<Self> {
-        if finer.shape() != self.space.shape() || finer.base() != self.space.base() {
+        if !finer.same_base(&self.space) {
             return Err(Error::input("refinement needs the same shape and base grid"));
         }
         // `vertices_from` needs coefficients on every cell, so this is checked first.
-        if let Some(cell) = finer.leaves().iter().find(|&&cell| self.space.leaf_over(cell).is_none()) {
+        if let Some(cell) = finer.coarser_than(&self.space) {
             return Err(Error::input(format!(
                 "the other hierarchy is coarser at {cell:?} and cannot represent this surface"
             )));
         }
-        let vertices = finer.vertices_from(|cell| self.cell_coefficients(cell).unwrap_or([DVec3::ZERO; 16]));
+        let vertices = match self.space.refined_nodes(&finer) {
+            Some(rows) => rows
+                .iter()
+                .map(|row| row.iter().map(|&(node, w)| w * self.vertices[node as usize]).sum())
+                .collect(),
+            None => finer.vertices_from(|cell| self.cell_coefficients(cell).unwrap_or([DVec3::ZERO; 16])),
+        };
         Self::new(finer, vertices)
     }
 

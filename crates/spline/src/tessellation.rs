@@ -288,8 +288,8 @@ impl<'a> Lattice<'a> {
         // Integers instead of coordinates: vertices of neighbours are identified exactly, without a
         // tolerance.
         let key = |x: u64, y: u64| {
-            let x = if space.shape().periodic_u() { x % columns } else { x };
-            let y = if space.shape().periodic_v() { y % rows } else { y };
+            let x = if space.periodic_u() { x % columns } else { x };
+            let y = if space.periodic_v() { y % rows } else { y };
             y * (columns + 1) + x
         };
         let mut plan = LeafPlan {
@@ -304,7 +304,7 @@ impl<'a> Lattice<'a> {
             middles: 0,
         };
         for (s, side) in SIDES.into_iter().enumerate() {
-            plan.polar[s] = space.shape() == Shape::Ball
+            plan.polar[s] = space.shape() == Some(Shape::Ball)
                 && match side {
                     Side::Bottom => cell.j == 0,
                     Side::Top => start[1] + u64::from(length) == rows,
@@ -340,10 +340,10 @@ impl<'a> Lattice<'a> {
         let [left, bottom] = [cell.i, cell.j].map(|c| i64::from(c) << shift);
         let width = 1_i64 << shift;
         let (along_u, across, limit, periodic) = match side {
-            Side::Bottom => (true, bottom - 1, rows, space.shape().periodic_v()),
-            Side::Top => (true, bottom + width, rows, space.shape().periodic_v()),
-            Side::Left => (false, left - 1, columns, space.shape().periodic_u()),
-            Side::Right => (false, left + width, columns, space.shape().periodic_u()),
+            Side::Bottom => (true, bottom - 1, rows, space.periodic_v()),
+            Side::Top => (true, bottom + width, rows, space.periodic_v()),
+            Side::Left => (false, left - 1, columns, space.periodic_u()),
+            Side::Right => (false, left + width, columns, space.periodic_u()),
         };
         let across = if periodic {
             Some(across.rem_euclid(limit))

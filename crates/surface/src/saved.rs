@@ -245,7 +245,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let mut metadata = Metadata {
         unit: model.unit.name().to_owned(),
         unit_assumed: model.unit_assumed,
-        shape: space.shape().name().to_owned(),
+        shape: space.topology_name().to_owned(),
         base: space.base(),
         observations: model.observations,
         smoothness_weight: model.smoothness_weight,

@@ -71,7 +71,7 @@ impl ViewedContent {
         made.headline = match &model {
             Compared::Surface(model) => format!(
                 "A {} of {}.",
-                model.surface.space().shape().name(),
+                model.surface.space().topology_name(),
                 counted(model.surface.vertices().len(), "control vertex")
             ),
             Compared::Mesh(mesh) => format!(

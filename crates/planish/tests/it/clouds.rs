@@ -64,7 +64,7 @@ fn coverage(fit: &Fit) -> f64 {
 /// Root mean square distance of the true sheet from the surface.
 fn error(fit: &Fit) -> f64 {
     let surface = &fit.model.surface;
-    assert_eq!(surface.space().shape(), Shape::Sheet);
+    assert_eq!(surface.space().shape(), Some(Shape::Sheet));
     let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(77);
     let count = 2000;

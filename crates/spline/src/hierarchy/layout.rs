@@ -2,7 +2,7 @@
 //!
 //! Input: split cells. Output: numbered functions and nodes, and for every leaf its nodes with weights.
 
-use super::{Cell, Hierarchy, NOT_A_LEAF, Shape, grid, quarter, support_cell};
+use super::{Cell, Hierarchy, NOT_A_LEAF, Shape, Topology, grid, quarter, support_cell};
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
@@ -39,7 +39,7 @@ impl Layout {
             })
             .collect();
         let mut hierarchy = Hierarchy {
-            shape,
+            topology: Topology::Grid(shape),
             base,
             leaf_number: exists.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
             leaves: Vec::new(),

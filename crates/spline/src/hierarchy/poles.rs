@@ -45,7 +45,7 @@ impl Hierarchy {
     /// three pole nodes at the end.
     pub(super) fn number_nodes(&mut self, exists: &[Vec<bool>]) {
         let mut replaced = vec![false; self.functions.len()];
-        if self.shape.polar() {
+        if self.polar() {
             for at_top in [false, true] {
                 let level = (0..exists.len())
                     .rev()
@@ -89,10 +89,10 @@ impl Hierarchy {
             self.node_of_function.push(Some(self.node_anchors.len() as u32));
             let side = f.side();
             let mut anchor = [(f64::from(f.i) - 1.0) * side, (f64::from(f.j) - 1.0) * side];
-            if self.shape.periodic_u() {
+            if self.periodic_u() {
                 anchor[0] = anchor[0].rem_euclid(self.base[0] as f64);
             }
-            if self.shape.periodic_v() {
+            if self.periodic_v() {
                 anchor[1] = anchor[1].rem_euclid(self.base[1] as f64);
             }
             self.node_anchors.push(anchor);

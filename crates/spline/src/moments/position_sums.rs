@@ -95,8 +95,7 @@ impl Part {
         let [nu, nv] = space.extent();
         // In a periodic direction every finite parameter is valid.
         let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
-        let (inside_u, inside_v) =
-            (range(nu, space.shape().periodic_u()), range(nv, space.shape().periodic_v()));
+        let (inside_u, inside_v) = (range(nu, space.periodic_u()), range(nv, space.periodic_v()));
         // Counting sort by leaf: first count, then fill. It is stable, so the order of arrival is kept.
         self.leaves.clear();
         self.start.clear();
@@ -305,7 +304,7 @@ impl PositionSums {
     /// `Input` when the shape is closed or the grid is not uniform.
     pub fn coarsened(&self) -> Result<Self> {
         let [nu, nv] = self.space.base();
-        if self.space.shape() != Shape::Sheet || self.space.leaves().len() != nu * nv {
+        if self.space.shape() != Some(Shape::Sheet) || self.space.leaves().len() != nu * nv {
             return Err(Error::input("only sums over a uniform grid of a sheet can be coarsened"));
         }
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [nu.div_ceil(2), nv.div_ceil(2)])?);

@@ -167,10 +167,7 @@ impl PatchFilter {
         prior.validate()?;
         let space = fitted.space();
         // Patches that are divided later have the same metric, so it must not depend on present divisions.
-        if metric.space().shape() != space.shape()
-            || metric.space().base() != space.base()
-            || metric.space().levels() > 1
-        {
+        if !metric.space().same_base(space) || metric.space().levels() > 1 {
             return Err(Error::input("the metric and the initial surface need the same base grid"));
         }
         if usize::from(options.maximum_depth) > MAX_LEVEL {

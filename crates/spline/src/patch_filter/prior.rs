@@ -110,13 +110,13 @@ fn stiffest(metric: &Surface) -> f64 {
 /// # Errors
 /// `Input` for shapes other than a sheet, which have no such plane.
 pub fn parameter_plane(space: &Arc<Hierarchy>) -> Result<Surface> {
-    if space.shape() != Shape::Sheet {
+    if space.shape() != Some(Shape::Sheet) {
         return Err(Error::input(format!(
             "a {} does not lie in a plane: use the metric of its initial surface",
-            space.shape().name()
+            space.topology_name()
         )));
     }
-    let coarse = Arc::new(Hierarchy::uniform(space.shape(), space.base())?);
+    let coarse = Arc::new(space.unrefined());
     let vertices = coarse.node_anchors().iter().map(|a| DVec3::new(a[0], a[1], 0.0)).collect();
     Surface::new(coarse, vertices)?.refined(Arc::clone(space))
 }

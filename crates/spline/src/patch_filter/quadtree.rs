@@ -133,7 +133,7 @@ pub(super) struct Quadtree {
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
 pub fn patch_hierarchy(space: &Hierarchy) -> Result<Arc<Hierarchy>> {
-    let mut tree = Quadtree::new(Arc::new(Hierarchy::uniform(space.shape(), space.base())?))?;
+    let mut tree = Quadtree::new(Arc::new(space.unrefined()))?;
     loop {
         let mut marked = vec![false; tree.patches.len()];
         for (leaf, cell) in space.leaves().iter().enumerate() {
@@ -260,11 +260,11 @@ impl Quadtree {
             true => x % ((base as u32) << patch.depth),
             false => x,
         };
-        let (shape, base) = (self.space.shape(), self.space.base());
+        let base = self.space.base();
         Cell {
             level: patch.depth,
-            i: wrapped(at.i, base[0], shape.periodic_u()),
-            j: wrapped(at.j, base[1], shape.periodic_v()),
+            i: wrapped(at.i, base[0], self.space.periodic_u()),
+            j: wrapped(at.j, base[1], self.space.periodic_v()),
         }
     }
 
@@ -325,12 +325,12 @@ impl Quadtree {
             let moved = if periodic { moved.rem_euclid(count) } else { moved };
             (0..count).contains(&moved).then_some(moved as u32 / 2)
         };
-        let (shape, base) = (self.space.shape(), self.space.base());
+        let base = self.space.base();
         let [di, dj] = side.step();
         let found = FilterPatch {
             depth,
-            i: step(patch.i, di, base[0], shape.periodic_u())?,
-            j: step(patch.j, dj, base[1], shape.periodic_v())?,
+            i: step(patch.i, di, base[0], self.space.periodic_u())?,
+            j: step(patch.j, dj, base[1], self.space.periodic_v())?,
         };
         // There is no coarser leaf inside the parent.
         (Some(found) != patch.parent()).then_some(found)

@@ -77,7 +77,8 @@ impl PatchFilter {
     #[must_use]
     pub fn state(&self) -> PatchFilterState {
         PatchFilterState {
-            shape: self.initial.space().shape(),
+            // Patches exist only over grids.
+            shape: self.initial.space().shape().unwrap_or(Shape::Sheet),
             base: self.initial.space().base(),
             initial_vertices: self.initial.vertices().to_vec(),
             metric_vertices: self.metric.vertices().to_vec(),

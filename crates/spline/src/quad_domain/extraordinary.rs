@@ -27,13 +27,15 @@
 //! Loop, Schaefer, *Approximating Catmull-Clark subdivision surfaces with bicubic patches*, ACM TOG 2008.
 
 use nalgebra::{DMatrix, DVector, SVD};
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Pieces along each side of a cell, and number of Bézier ordinates along it.
-pub(super) const PIECES: usize = 4;
+pub(crate) const PIECES: usize = 4;
 const ORDINATES: usize = 3 * PIECES + 1;
 /// Control vertices for each cell around the vertex.
-pub(super) const VERTICES_PER_CELL: usize = 6;
+pub(crate) const VERTICES_PER_CELL: usize = 6;
 /// Singular values of the equations below this share of the largest are zero. For 3 to 12 cells, all others
 /// are above 7e-4, and these below 1e-15.
 const MIN_SINGULAR: f64 = 1e-8;
@@ -76,11 +78,20 @@ impl Affine {
 /// Weights of the control vertices in the Bézier ordinates of a cell, row by row along `t`.
 type Ordinates = Vec<DVector<f64>>;
 
+/// For each leaf of a cell, the sixteen coefficients as weights of the control vertices.
+type LeafWeights = Arc<Vec<Vec<[f64; 16]>>>;
+
 /// The leaves of one cell around a vertex of `valence` quads, row by row along `t`: for each, the sixteen
-/// coefficients as weights of the control vertices.
+/// coefficients as weights of the control vertices. Computed once for each valence.
 ///
 /// Control vertices are numbered from the vertex at (0, 0) and this cell on: see [`PLACES`].
-pub(super) fn leaf_weights_around(valence: usize) -> Vec<Vec<[f64; 16]>> {
+pub(crate) fn leaf_weights_around(valence: usize) -> LeafWeights {
+    static KNOWN: Mutex<BTreeMap<usize, LeafWeights>> = Mutex::new(BTreeMap::new());
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    Arc::clone(known.entry(valence).or_insert_with(|| Arc::new(find_leaf_weights(valence))))
+}
+
+fn find_leaf_weights(valence: usize) -> Vec<Vec<[f64; 16]>> {
     let fan = Fan::new(valence);
     let solution = fan.solve();
     let ordinates: Vec<DVector<f64>> = (0..ORDINATES * ORDINATES)

@@ -13,6 +13,10 @@ const NONE: u32 = u32::MAX;
 pub(super) struct HalfEdges {
     quads: Vec<[u32; 4]>,
     opposite: Vec<u32>,
+    /// The number of the edge of each half edge.
+    edge: Vec<u32>,
+    /// One half edge of each edge.
+    of_edge: Vec<u32>,
     /// A half edge that starts at each vertex: of a border vertex the one that no other follows clockwise.
     first: Vec<u32>,
 }
@@ -40,9 +44,25 @@ impl HalfEdges {
                 }
             }
         }
-        let mut made = Self { opposite: vec![NONE; 4 * quads.len()], first: vec![NONE; count], quads };
+        let half_edges = 4 * quads.len();
+        let mut made = Self {
+            opposite: vec![NONE; half_edges],
+            edge: vec![NONE; half_edges],
+            of_edge: Vec::with_capacity(half_edges / 2),
+            first: vec![NONE; count],
+            quads,
+        };
         for (&(a, b), &h) in &of_pair {
             made.opposite[h as usize] = of_pair.get(&(b, a)).copied().unwrap_or(NONE);
+        }
+        for h in 0..half_edges {
+            match made.opposite(h as u32).map(|o| made.edge[o as usize]) {
+                Some(edge) if edge != NONE => made.edge[h] = edge,
+                _ => {
+                    made.edge[h] = made.of_edge.len() as u32;
+                    made.of_edge.push(h as u32);
+                }
+            }
         }
         made.find_first_edges()?;
         Ok(made)
@@ -94,6 +114,16 @@ impl HalfEdges {
         Some(self.opposite[h as usize]).filter(|&o| o != NONE)
     }
 
+    /// The number of its edge.
+    pub(super) fn edge(&self, h: u32) -> u32 {
+        self.edge[h as usize]
+    }
+
+    /// One half edge of each edge: the smaller one.
+    pub(super) fn of_edges(&self) -> &[u32] {
+        &self.of_edge
+    }
+
     /// Half edges without an opposite.
     pub(super) fn border_edges(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.opposite.len() as u32).filter(|&h| self.opposite[h as usize] == NONE)
@@ -101,24 +131,12 @@ impl HalfEdges {
 
     /// The half edges that start at a vertex, counter-clockwise.
     pub(super) fn around(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
-        let first = self.first[vertex as usize];
+        self.around_from(self.first[vertex as usize])
+    }
+
+    /// The half edges with the same start as a given one, counter-clockwise from it.
+    pub(super) fn around_from(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
         std::iter::successors(Some(first), move |&h| self.opposite(previous(h)).filter(|&o| o != first))
-    }
-
-    /// The vertex next to the start of a half edge, in the quad on its right.
-    pub(super) fn beyond_start(&self, h: u32) -> Option<u32> {
-        self.opposite(h).map(|o| self.end(next(o)))
-    }
-
-    /// The vertex next to its end, in the quad on its right.
-    pub(super) fn beyond_end(&self, h: u32) -> Option<u32> {
-        self.opposite(h).map(|o| self.start(previous(o)))
-    }
-
-    /// The vertex diagonally beyond the start of a half edge, if four quads meet there.
-    pub(super) fn diagonal(&self, h: u32) -> Option<u32> {
-        let right = self.opposite(h)?;
-        self.opposite(next(right)).map(|o| self.start(previous(o)))
     }
 }
 

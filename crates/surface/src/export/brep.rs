@@ -16,7 +16,7 @@
 
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
-use planish_spline::{Cell, Hierarchy, Shape, Surface, quadrature};
+use planish_spline::{Cell, Hierarchy, Surface, quadrature};
 
 /// Settings of the export as a boundary representation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,7 +55,9 @@ pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
 
 /// The base grid, divided into a coarser grid of patches.
 pub(super) struct Patches {
-    shape: Shape,
+    /// For u and v.
+    periodic: [bool; 2],
+    polar: bool,
     /// Borders of patches along u and v, in base cells, including both ends of the domain.
     cuts: [Vec<u32>; 2],
     /// For each patch, row by row, the level of its finest leaf.
@@ -66,10 +68,9 @@ impl Patches {
     /// As few patches as closing and the options allow.
     pub(super) fn within(space: &Hierarchy, options: &BrepOptions) -> Self {
         let [columns, rows] = space.base().map(|n| n as u32);
-        let shape = space.shape();
         let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
         // A closed direction is cut into two faces, so that no face closes on itself.
-        let few = Self::new(space, [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())]);
+        let few = Self::new(space, [halves(columns, space.periodic_u()), halves(rows, space.periodic_v())]);
         match few.control_points() <= options.max_control_points {
             true => few,
             false => Self::new(space, [(0..=columns).collect(), (0..=rows).collect()]),
@@ -90,7 +91,12 @@ impl Patches {
 
     fn new(space: &Hierarchy, cuts: [Vec<u32>; 2]) -> Self {
         let mut levels = vec![0; (cuts[0].len() - 1) * (cuts[1].len() - 1)];
-        let mut patches = Self { shape: space.shape(), cuts, levels: Vec::new() };
+        let mut patches = Self {
+            periodic: [space.periodic_u(), space.periodic_v()],
+            polar: space.polar(),
+            cuts,
+            levels: Vec::new(),
+        };
         for &cell in space.leaves() {
             let at = patches.of_cell(cell);
             // A coarse leaf has an exact representation at a finer level, but not the reverse.
@@ -161,7 +167,7 @@ impl Patches {
         }
         // After clamping, the control points of a row at a pole agree up to rounding only. A pole is one
         // vertex, so they must be equal.
-        if self.shape.polar() {
+        if self.polar {
             for (at_pole, row, v) in [
                 (patch[1] == 0, 0, 0.0),
                 (patch[1] + 1 == self.count()[1], n_v - 1, surface.space().extent()[1]),
@@ -187,7 +193,7 @@ impl Patches {
 
     pub(super) fn brep(&self, surface: &Surface) -> Brep {
         let surfaces: Vec<BsplineSurface> = self.all().map(|patch| self.surface(surface, patch)).collect();
-        let closed = self.shape.periodic_u() && (self.shape.periodic_v() || self.shape.polar());
+        let closed = self.periodic[0] && (self.periodic[1] || self.polar);
         // The parametrisation may be inside out, which the sign of the enclosed volume shows.
         let outward = !closed || encloses_positive_volume(surface);
         let mut builder = BrepBuilder {
@@ -228,8 +234,8 @@ struct BrepBuilder<'a> {
 impl BrepBuilder<'_> {
     fn lines(&self) -> [usize; 2] {
         let [nu, nv] = self.patches.count();
-        let shape = self.patches.shape;
-        [nu + usize::from(!shape.periodic_u()), nv + usize::from(!shape.periodic_v())]
+        let periodic = self.patches.periodic;
+        [nu + usize::from(!periodic[0]), nv + usize::from(!periodic[1])]
     }
 
     fn crossing(&self, a: usize, b: usize) -> usize {
@@ -238,7 +244,7 @@ impl BrepBuilder<'_> {
     }
 
     fn is_pole(&self, b: usize) -> bool {
-        self.patches.shape.polar() && (b == 0 || b == self.patches.count()[1])
+        self.patches.polar && (b == 0 || b == self.patches.count()[1])
     }
 
     fn patch_surface(&self, [a, b]: [usize; 2]) -> &BsplineSurface {

@@ -93,9 +93,10 @@ pub fn dem_from_model(
 
 /// Rejects a model that is not a sheet, and a cell size that is not positive.
 fn check_input(model: &SurfaceModel, cell: Option<f64>) -> Result<()> {
-    let shape = model.surface.space().shape();
-    if shape != Shape::Sheet {
-        return Err(Error::input(format!("a raster of heights: expected a sheet, found a {}", shape.name()))
+    let space = model.surface.space();
+    if space.shape() != Some(Shape::Sheet) {
+        let found = space.shape().map_or("surface", Shape::name);
+        return Err(Error::input(format!("a raster of heights: expected a sheet, found a {found}"))
             .with_setting(Setting::Shape));
     }
     if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {

@@ -41,7 +41,7 @@ impl<'a> KeptParts<'a> {
     /// The kept parts of a model; none if it is not a sheet, or if all or nothing would be kept.
     pub(super) fn new(model: &'a SurfaceModel) -> Option<Self> {
         let space = model.surface.space();
-        if space.shape() != Shape::Sheet || model.support.is_empty() {
+        if space.shape() != Some(Shape::Sheet) || model.support.is_empty() {
             return None;
         }
         let mut finest = 0;

@@ -76,7 +76,7 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         // The shape is checked before the work of a fit.
         let mut first_readings = observe(&first_scans, &observation_options(set, options))?;
         first_readings.recentre();
-        refuse_other_than_sheet(set, &states[0], base_shape(&first_readings.readings, None)?.shape)?;
+        refuse_other_than_sheet(set, &states[0], Some(base_shape(&first_readings.readings, None)?.shape))?;
     }
     let still = options.with_global(GlobalOptions::default());
     let first = fit(&first_scans, &still, &ProgressPart::new(progress, 0.0, 0.3))?;
@@ -103,14 +103,14 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
 }
 
 /// Refuses a first state that is not a sheet.
-fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result<()> {
-    if shape == Shape::Sheet {
+fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Option<Shape>) -> Result<()> {
+    if shape == Some(Shape::Sheet) {
         return Ok(());
     }
     Err(Error::input(format!(
         "expected a sheet for bending, found a first state that looks like a {}: if it is a sheet, specify \
          this shape",
-        shape.name()
+        shape.map_or("surface", Shape::name)
     ))
     .at(&set.scans[first.scans[0]].scan.name)
     .with_setting(Setting::Motion)

@@ -344,7 +344,7 @@ impl Finishing<'_> {
         Ok(FitReport {
             observations: totals.count,
             rejected,
-            shape: space.shape().name().to_owned(),
+            shape: space.topology_name().to_owned(),
             coefficients: space.node_count(),
             levels: space.levels(),
             cells: space.leaves().len(),

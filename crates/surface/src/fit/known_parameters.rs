@@ -415,7 +415,7 @@ impl Solved {
         }
         Ok(FitReport {
             observations: self.count(),
-            shape: space.shape().name().to_owned(),
+            shape: space.topology_name().to_owned(),
             coefficients: space.node_count(),
             levels: 1,
             filter: super::Filter::Global,

@@ -64,7 +64,10 @@ pub(super) fn fit_moving(
     let mut plain = options.with_global(GlobalOptions { ground, align, ..GlobalOptions::default() });
     let mut first = fit(&scans_of(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.0, 0.15))?;
     // A turning object shows its sides in time: one that curves away from the scanner is no sheet.
-    if options.shape.is_none() && first.model.surface.space().shape() == Shape::Sheet && curves_away(&first) {
+    if options.shape.is_none()
+        && first.model.surface.space().shape() == Some(Shape::Sheet)
+        && curves_away(&first)
+    {
         (still.shape, plain.shape) = (Some(Shape::Ball), Some(Shape::Ball));
         first = fit(&scans_of(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.15, 0.3))?;
     }

@@ -254,11 +254,12 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     if levels == 0 {
         return Ok((surface, 0));
     }
+    let shape = space.shape().ok_or_else(|| Error::input("patches need a grid of cells"))?;
     let scale = (1_u32 << levels) as f64;
     let [columns, rows] = space.extent();
-    let fine = Arc::new(Hierarchy::uniform(space.shape(), space.base().map(|n| n << levels))?);
+    let fine = Arc::new(Hierarchy::uniform(shape, space.base().map(|n| n << levels))?);
     // Beyond a pole the surface continues on the other side, half a turn away.
-    let over_the_pole = space.shape() == Shape::Ball;
+    let over_the_pole = shape == Shape::Ball;
     let made = fit_function(&fine, |u, v| {
         let [u, v] = [u / scale, v / scale];
         if over_the_pole && !(0.0..=rows).contains(&v) {

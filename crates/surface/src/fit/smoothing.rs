@@ -93,7 +93,7 @@ impl Smoothing {
     ) -> Result<Self> {
         let space = system.space();
         let leaves = space.leaves().len();
-        let (energy, area) = if space.shape() == Shape::Sheet {
+        let (energy, area) = if space.shape() == Some(Shape::Sheet) {
             // The reference of a sheet is affine, so all leaves have the same metric.
             (system.thin_plate_over_plane(reference)?, leaves as f64 * reference.leaf_area(0))
         } else {
@@ -117,7 +117,7 @@ impl Smoothing {
     /// readings.
     pub(super) fn first_weight(sums: &PositionSums) -> Result<Option<f64>> {
         let space = sums.space();
-        if space.shape() != Shape::Sheet || space.leaves().len() <= FEW_CELLS {
+        if space.shape() != Some(Shape::Sheet) || space.leaves().len() <= FEW_CELLS {
             return Ok(None);
         }
         // Sums over coarse cells follow from those over fine ones, so no reading is visited again.
@@ -169,9 +169,9 @@ impl Smoothing {
         // Functions without energy: affine ones over a plane, the constant and the height along a tube, and
         // the constant alone over a closed shape.
         let null = match system.space().shape() {
-            Shape::Sheet => 3,
-            Shape::Tube => 2,
-            Shape::Ball | Shape::Torus => 1,
+            Some(Shape::Sheet) => 3,
+            Some(Shape::Tube) => 2,
+            Some(Shape::Ball | Shape::Torus) | None => 1,
         };
         let nodes = system.pattern().nodes();
         let model = SmoothnessModel {
@@ -247,7 +247,7 @@ impl Smoothing {
 
 /// The coordinates that are not affine functions of the parameters; all of them if none is left.
 fn measured_coordinates(total: &Totals) -> [bool; 3] {
-    if total.sums.space().shape() != Shape::Sheet {
+    if total.sums.space().shape() != Some(Shape::Sheet) {
         return [true; 3];
     }
     let measured = match total.sums.affine() {
@@ -259,6 +259,12 @@ fn measured_coordinates(total: &Totals) -> [bool; 3] {
     if measured == [false; 3] { [true; 3] } else { measured }
 }
 
+/// # Errors
+/// `Input` over a domain of quads, whose metric no formula gives.
+fn known_shape(space: &Hierarchy) -> Result<Shape> {
+    space.shape().ok_or_else(|| Error::input("known parameters need a sheet, tube, ball or torus"))
+}
+
 /// A surface with approximately the metric of the readings: for a sheet the best affine map, for other shapes
 /// a round one with square cells, as far as closing allows.
 ///
@@ -266,7 +272,7 @@ fn measured_coordinates(total: &Totals) -> [bool; 3] {
 /// `Undetermined` if the readings lie on one line.
 pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> Result<Surface> {
     let [nu, nv] = space.extent();
-    let point: Box<dyn Fn(f64, f64) -> DVec3> = match space.shape() {
+    let point: Box<dyn Fn(f64, f64) -> DVec3> = match known_shape(space)? {
         Shape::Sheet => {
             let undetermined = || {
                 Error::undetermined(

@@ -162,7 +162,7 @@ pub(super) fn judge_surface(
         }
     }
     let misfit = surface_misfit(readings, input.gate, input.origin)?;
-    let solid = (shape == Shape::Ball).then(|| solid_of(readings.observations)).flatten();
+    let solid = (shape == Some(Shape::Ball)).then(|| solid_of(readings.observations)).flatten();
     // Thin parts vanish at some levels of the indicator, and noise makes small handles at others. Where the
     // surface leaves the solid as well, a single level is evidence.
     let stray =
@@ -269,7 +269,7 @@ fn missed_share(
 fn few_not_followed(
     readings: ProjectedReadings<'_>,
     input: VerdictInput<'_>,
-    shape: Shape,
+    shape: Option<Shape>,
 ) -> Option<String> {
     let (mut all, mut not_followed) = (0_usize, 0_usize);
     for (k, _, foot) in measured_positions(readings).filter(|(_, i, _)| is_on_surface(readings, *i)) {
@@ -399,25 +399,25 @@ fn stray_share(surface: &Surface, solid: &EnclosedSolid) -> f64 {
 }
 
 /// Why a surface does not follow its readings, as far as the readings show it.
-fn reason(shape: Shape, enclosed: Option<EnclosedTopology>, several_scans: bool) -> String {
+fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scans: bool) -> String {
+    let noun = shape.map_or("surface", Shape::name);
     match enclosed {
-        Some(EnclosedTopology { bodies, .. }) if bodies > 1 => format!(
-            "the readings show {bodies} separate bodies, and a {} is one: fit each body alone",
-            shape.name()
-        ),
+        Some(EnclosedTopology { bodies, .. }) if bodies > 1 => {
+            format!("the readings show {bodies} separate bodies, and a {} is one: fit each body alone", noun)
+        }
         Some(EnclosedTopology { handles, .. }) if handles > 0 => {
             let holes = match handles {
                 1 => "a hole through it or a handle".to_owned(),
                 2..=MAX_COUNTED_HANDLES => format!("{handles} or more holes through it or handles"),
                 _ => "holes through it or handles, or thin walls".to_owned(),
             };
-            format!("the object has {holes}, which a {} cannot have", shape.name())
+            format!("the object has {holes}, which a {} cannot have", noun)
         }
         _ => format!(
             "there is an edge, a hole, a thin part or another feature that a smooth {} of this resolution \
              does not have, or it is no {}{}",
-            shape.name(),
-            shape.name(),
+            noun,
+            noun,
             if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),
     }

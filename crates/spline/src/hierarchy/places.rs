@@ -1,0 +1,205 @@
+//! Places: the leaf over parameters, parameters of a leaf, and steps from one place to another.
+//!
+//! Over quads, `u` is the number of the quad plus the place along its first side. A step across an edge
+//! continues in the frame of the next quad.
+
+use super::{Cell, Hierarchy, NOT_A_LEAF, Topology, grid};
+use crate::quad_domain::PIECES;
+
+/// Maximum number of edges that a step crosses.
+const MAX_CROSSINGS: usize = 16;
+
+/// Moves a parameter into `[0, n]`. The test comes first, because almost all are inside and a remainder is
+/// slow.
+#[inline]
+fn wrap_or_clamp(x: f64, n: f64, periodic: bool) -> f64 {
+    if (0.0..n).contains(&x) {
+        x
+    } else if periodic {
+        x.rem_euclid(n)
+    } else {
+        x.clamp(0.0, n)
+    }
+}
+
+impl Hierarchy {
+    /// The leaf that contains `(u, v)`, and the local coordinates in it. Periodic parameters are wrapped,
+    /// others are clamped.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape};
+    ///
+    /// let space = Hierarchy::uniform(Shape::Tube, [8, 4])?;
+    /// let (leaf, local) = space.locate(9.25, 0.5); // u is periodic: 9.25 is 1.25
+    /// assert_eq!(space.parameters(leaf, local), [1.25, 0.5]);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    #[inline]
+    #[must_use]
+    pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
+        let [u, v] = self.wrap(u, v);
+        self.cell_at(0, u, v).unwrap_or_else(|| self.locate_below(u, v))
+    }
+
+    /// The leaf below the base grid that contains `(u, v)`. Kept out of line, so that the common case of a
+    /// base cell stays small.
+    #[inline(never)]
+    fn locate_below(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
+        let mut level = 0;
+        loop {
+            if let Some(found) = self.cell_at(level, u, v).or_else(|| self.piece_at(level, u, v)) {
+                return found;
+            }
+            level += 1;
+        }
+    }
+
+    /// The leaf of a level that contains `(u, v)`, and the local coordinates in it; `None` if the cell of
+    /// that level is not a leaf.
+    #[inline(always)]
+    fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
+        // A table per level instead of a tree of pointers: most points lie in cells of few levels, and a step
+        // is one look-up.
+        let [columns, rows] = grid(self.base, level);
+        let scale = (1_u64 << level) as f64;
+        // The upper end of the domain belongs to the last cell.
+        let i = ((u * scale) as usize).min(columns - 1);
+        let j = ((v * scale) as usize).min(rows - 1);
+        match self.leaf_number[level][j * columns + i] {
+            NOT_A_LEAF => None,
+            leaf => Some((leaf as usize, [u * scale - i as f64, v * scale - j as f64])),
+        }
+    }
+
+    /// Moves parameters into the domain: wraps periodic directions, clamps open ones, and continues across
+    /// the pole of a ball. To step across the edge of a quad, see [`Hierarchy::moved`].
+    #[inline]
+    #[must_use]
+    pub fn wrap(&self, mut u: f64, mut v: f64) -> [f64; 2] {
+        let [nu, nv] = self.extent();
+        if self.polar() {
+            if v < 0.0 {
+                v = -v;
+                u += nu / 2.0;
+            } else if v > nv {
+                v = 2.0 * nv - v;
+                u += nu / 2.0;
+            }
+        }
+        [wrap_or_clamp(u, nu, self.periodic_u()), wrap_or_clamp(v, nv, self.periodic_v())]
+    }
+
+    /// Parameters of a leaf-local point.
+    #[must_use]
+    pub fn parameters(&self, leaf: usize, local: [f64; 2]) -> [f64; 2] {
+        let cell = self.leaves[leaf];
+        let side = cell.side();
+        let [u, v] = [(f64::from(cell.i) + local[0]) * side, (f64::from(cell.j) + local[1]) * side];
+        match self.topology {
+            Topology::Grid(_) => [u, v],
+            Topology::Quads(_) => {
+                let quad = (f64::from(cell.i) * side).floor();
+                in_quad(quad as u32, [u - quad, v])
+            }
+        }
+    }
+
+    /// The leaf that equals or contains a cell; `None` if the cell is split.
+    #[must_use]
+    pub fn leaf_over(&self, cell: Cell) -> Option<usize> {
+        if let Some(piece) = self.quads().and_then(|over| over.piece_over(cell)) {
+            return Some(piece);
+        }
+        for level in (0..=usize::from(cell.level)).rev() {
+            if level >= self.leaf_number.len() {
+                continue;
+            }
+            // From fine to coarse: a leaf of this level or the first one above it.
+            let shift = usize::from(cell.level) - level;
+            let (i, j) = (cell.i as usize >> shift, cell.j as usize >> shift);
+            let columns = grid(self.base, level)[0];
+            let leaf = self.leaf_number[level][j * columns + i];
+            if leaf != NOT_A_LEAF {
+                return Some(leaf as usize);
+            }
+        }
+        None
+    }
+
+    /// The leaf of a level at an extraordinary vertex that contains `(u, v)`, and the local coordinates there.
+    pub(super) fn piece_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
+        let scale = (1_u64 << level) as f64;
+        let [columns, rows] = grid(self.base, level);
+        let i = ((u * scale) as usize).min(columns - 1);
+        let j = ((v * scale) as usize).min(rows - 1);
+        let cell = Cell { level: level as u8, i: i as u32, j: j as u32 };
+        let [x, y] = [u * scale - i as f64, v * scale - j as f64].map(|x| x * PIECES as f64);
+        let [column, row] = [x, y].map(|x| (x as usize).min(PIECES - 1));
+        let leaf = self.quads()?.piece(cell, [column, row])?;
+        Some((leaf, [x - column as f64, y - row as f64]))
+    }
+
+    /// Parameters after a step, across edges of quads too. Steps end at borders.
+    ///
+    /// After an edge is crossed, directions are those of the next quad.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, QuadDomain, Shape};
+    /// let tube = Hierarchy::uniform(Shape::Tube, [8, 4])?;
+    /// assert_eq!(tube.moved([7.5, 1.0], [1.0, 9.0]), [0.5, 4.0]);
+    ///
+    /// // Two quads; `u` of the first leads into `v` of the second.
+    /// let strip = Hierarchy::over(QuadDomain::new(&[[0, 1, 4, 3], [4, 1, 2, 5]])?.into())?;
+    /// assert_eq!(strip.moved([0.75, 0.25], [0.5, 0.0]), [1.75, 0.25]);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    #[must_use]
+    pub fn moved(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
+        let to = [at[0] + step[0], at[1] + step[1]];
+        let Some(over) = self.quads() else { return self.wrap(to[0], to[1]) };
+        let mut quad = at[0].clamp(0.0, (self.base[0] - 1) as f64) as u32;
+        let mut place = [to[0] - f64::from(quad), to[1]];
+        // Each crossing brings the place nearer to the quad. Around an extraordinary vertex it can turn for
+        // ever, so the number is limited.
+        for _ in 0..MAX_CROSSINGS {
+            let beyond = [-place[1], place[0] - 1.0, place[1] - 1.0, -place[0]];
+            let farthest = (0..4).max_by(|&a, &b| beyond[a].total_cmp(&beyond[b])).unwrap_or(0);
+            if beyond[farthest] <= 0.0 {
+                break;
+            }
+            match over.domain.across(quad, farthest as u32, place, 1.0) {
+                Some((next, moved)) if (next as usize) < self.base[0] => (quad, place) = (next, moved),
+                _ => place[1 - farthest % 2] = place[1 - farthest % 2].clamp(0.0, 1.0),
+            }
+        }
+        in_quad(quad, place.map(|x| x.clamp(0.0, 1.0)))
+    }
+
+    /// For each side of the leaf in which parameters lie, in the order left, right, bottom, top: true if they
+    /// lie on a border there.
+    pub(crate) fn on_border(&self, at: [f64; 2]) -> [bool; 4] {
+        let Some(over) = self.quads() else {
+            let open = [!self.periodic_u(), !self.periodic_v() && !self.polar()];
+            let extent = self.extent();
+            return [
+                open[0] && at[0] <= 0.0,
+                open[0] && at[0] >= extent[0],
+                open[1] && at[1] <= 0.0,
+                open[1] && at[1] >= extent[1],
+            ];
+        };
+        let quad = (at[0] as u32).min(self.base[0] as u32 - 1);
+        let end = in_quad(quad, [1.0, 0.0])[0];
+        let touches = [at[0] <= f64::from(quad), at[0] >= end, at[1] <= 0.0, at[1] >= 1.0];
+        let beyond = [3, 1, 0, 2].map(|side| over.domain.across(quad, side, [0.0; 2], 1.0));
+        std::array::from_fn(|k| touches[k] && beyond[k].is_none_or(|(next, _)| next as usize >= self.base[0]))
+    }
+}
+
+/// Parameters of a place in a quad. The right side of a quad belongs to it, not to the next one.
+pub(super) fn in_quad(quad: u32, [x, y]: [f64; 2]) -> [f64; 2] {
+    let end = f64::from(quad + 1).next_down();
+    [(f64::from(quad) + x).min(end), y]
+}

@@ -1,0 +1,373 @@
+//! Hierarchies over domains of any topology.
+//!
+//! Input: a [`QuadDomain`] and the split cells. Output: numbered nodes and leaves with their extraction.
+//!
+//! Each level has the vertices of the divided domain. A vertex of a level is a node if all cells that depend
+//! on it exist, and not all of them are split. Where finer cells need a vertex that is not a node, it follows
+//! from the coarser level by the rules of Catmull and Clark: the truncation of hierarchical B-splines.
+//!
+//! Cells at an extraordinary vertex have 4 × 4 leaves, two levels below the cell. All cells around such a
+//! vertex are split together. Where they are, the surface changes slightly, since the finer space does not
+//! contain the coarser one there.
+
+use super::{Cell, Hierarchy, NOT_A_LEAF, Topology, grid, places::in_quad};
+use crate::quad_domain::{
+    Level, LevelCell, Neighbourhood, PIECES, QuadDomain, VERTICES_PER_CELL, leaf_weights_around, to_edge,
+};
+use planish_estimate::{Error, Result};
+use std::collections::HashMap;
+use std::sync::{Arc, OnceLock};
+
+/// Levels between a cell at an extraordinary vertex and its leaves.
+const PIECE_LEVELS: u8 = PIECES.trailing_zeros() as u8;
+
+/// Weighted nodes.
+pub(crate) type Combination = Vec<(u32, f64)>;
+
+/// The node of each vertex of a level.
+pub(super) type LevelNodes = HashMap<usize, u32>;
+
+/// What a hierarchy over a domain of quads knows besides its leaves.
+#[derive(Debug, Clone)]
+pub(super) struct OverQuads {
+    pub(super) domain: Arc<QuadDomain>,
+    /// For each cell at an extraordinary vertex that is not split, the first of its leaves.
+    pub(super) first_piece: HashMap<Cell, u32>,
+    /// For each level, the nodes of its vertices.
+    nodes: Vec<LevelNodes>,
+}
+
+impl OverQuads {
+    fn new(domain: &Arc<QuadDomain>) -> Self {
+        Self { domain: Arc::clone(domain), first_piece: HashMap::new(), nodes: Vec::new() }
+    }
+
+    /// The unsplit cell at an extraordinary vertex that contains a leaf.
+    pub(super) fn cell_of_piece(&self, leaf: Cell) -> Option<Cell> {
+        let level = leaf.level.checked_sub(PIECE_LEVELS)?;
+        let cell = Cell { level, i: leaf.i >> PIECE_LEVELS, j: leaf.j >> PIECE_LEVELS };
+        self.first_piece.contains_key(&cell).then_some(cell)
+    }
+
+    /// The leaf over a place of a cell at an extraordinary vertex: the place in units of leaves.
+    pub(super) fn piece(&self, cell: Cell, [column, row]: [usize; 2]) -> Option<usize> {
+        self.first_piece.get(&cell).map(|&first| first as usize + row * PIECES + column)
+    }
+
+    /// The leaf that contains a finer cell, if it is one of those at an extraordinary vertex.
+    pub(super) fn piece_over(&self, cell: Cell) -> Option<usize> {
+        (0..=cell.level.checked_sub(PIECE_LEVELS)?).rev().find_map(|level| {
+            let up = |shift: u8| [cell.i >> shift, cell.j >> shift];
+            let [i, j] = up(cell.level - level);
+            let [column, row] = up(cell.level - level - PIECE_LEVELS).map(|x| x as usize % PIECES);
+            self.piece(Cell { level, i, j }, [column, row])
+        })
+    }
+
+    /// The nodes of a finer hierarchy over the same domain as weighted nodes of this one.
+    fn refined_nodes(&self, finer: &Self) -> Vec<Combination> {
+        let mut known = Coefficients::new(self);
+        let mut found = vec![Vec::new(); finer.nodes.iter().map(HashMap::len).sum()];
+        for (level, nodes) in finer.nodes.iter().enumerate() {
+            for (&vertex, &node) in nodes {
+                found[node as usize] = known.of(level, vertex).clone();
+            }
+        }
+        found
+    }
+}
+
+/// The coefficients at vertices of all levels as weighted nodes.
+struct Coefficients<'a> {
+    over: &'a OverQuads,
+    /// For each level, those that are no nodes and were asked for.
+    known: Vec<HashMap<usize, Combination>>,
+    one: Combination,
+}
+
+impl<'a> Coefficients<'a> {
+    fn new(over: &'a OverQuads) -> Self {
+        Self { over, known: Vec::new(), one: Vec::new() }
+    }
+
+    fn of(&mut self, level: usize, vertex: usize) -> &Combination {
+        if let Some(&node) = self.over.nodes.get(level).and_then(|nodes| nodes.get(&vertex)) {
+            self.one = vec![(node, 1.0)];
+            return &self.one;
+        }
+        if self.known.len() <= level {
+            self.known.resize_with(level + 1, HashMap::new);
+        }
+        if !self.known[level].contains_key(&vertex) {
+            let mut sum: Combination = Vec::new();
+            // On level 0 all vertices are nodes, or all cells around them are split and nobody asks.
+            if let Some(coarser) = level.checked_sub(1) {
+                let domain = Arc::clone(&self.over.domain);
+                let levels = [level, coarser].map(|l| Level::new(&domain, l));
+                for (parent, weight) in levels[0].parents(&levels[1], vertex) {
+                    for &(node, w) in self.of(coarser, parent) {
+                        match sum.iter_mut().find(|(n, _)| *n == node) {
+                            Some((_, own)) => *own += weight * w,
+                            None => sum.push((node, weight * w)),
+                        }
+                    }
+                }
+            }
+            self.known[level].insert(vertex, sum);
+        }
+        &self.known[level][&vertex]
+    }
+}
+
+impl Hierarchy {
+    /// The unrefined hierarchy over a domain of quads.
+    ///
+    /// Parameters: `u` is the number of the quad plus the place along its first side, `v` the place along its
+    /// second one.
+    ///
+    /// # Errors
+    /// `Input` for a quad with several corners that have not four quads (divide the domain first), and for
+    /// vertices on a border that have more than two.
+    ///
+    /// # Examples
+    /// The faces of a cube, divided once:
+    /// ```
+    /// use planish_spline::{Hierarchy, QuadDomain};
+    /// let cube = QuadDomain::new(&[
+    ///     [0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5],
+    /// ])?;
+    /// let space = Hierarchy::over(cube.divided()?.domain.into())?;
+    /// // Each of the 24 quads has a corner with three quads, so it has 4 × 4 leaves.
+    /// assert_eq!((space.node_count(), space.leaves().len()), (26, 24 * 16));
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    pub fn over(domain: Arc<QuadDomain>) -> Result<Self> {
+        domain.check_spline()?;
+        let quads = domain.cells().len();
+        if quads > 1 << 14 {
+            return Err(Error::input(format!("a domain of {quads} quads is too large")));
+        }
+        Ok(Self::build_over(domain, vec![vec![false; quads]]))
+    }
+
+    /// Over a domain of quads, the nodes of a finer hierarchy as weighted nodes of this one: by the rules of
+    /// Catmull and Clark, so at extraordinary vertices that are split the surface changes slightly.
+    pub(crate) fn refined_nodes(&self, finer: &Self) -> Option<Vec<Combination>> {
+        self.quads().zip(finer.quads()).map(|(coarse, fine)| coarse.refined_nodes(fine))
+    }
+
+    /// The domain of quads; none for the other shapes.
+    #[must_use]
+    pub fn domain(&self) -> Option<&Arc<QuadDomain>> {
+        self.quads().map(|over| &over.domain)
+    }
+
+    pub(super) fn build_over(domain: Arc<QuadDomain>, mut split: Vec<Vec<bool>>) -> Self {
+        let base = [domain.cells().len(), 1];
+        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
+            split.pop();
+        }
+        if split[split.len() - 1].iter().any(|&s| s) {
+            split.push(vec![false; grid(base, split.len()).iter().product()]);
+        }
+        let mut made = Self {
+            topology: Topology::Quads(OverQuads::new(&domain)),
+            base,
+            leaf_number: split.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
+            leaves: Vec::new(),
+            functions: Vec::new(),
+            node_anchors: Vec::new(),
+            offsets: vec![0],
+            nodes: Vec::new(),
+            weights: Vec::new(),
+            sparse: OnceLock::new(),
+            poles: Vec::new(),
+            node_of_function: Vec::new(),
+            split,
+        };
+        let mut over = OverQuads::new(&domain);
+        for level in 0..made.split.len() {
+            let nodes = made.number_vertices(&domain, level);
+            over.nodes.push(nodes);
+        }
+        let mut walk = QuadWalk {
+            levels: (0..made.split.len()).map(|level| Level::new(&domain, level)).collect(),
+            coefficients: Coefficients::new(&over),
+            first_piece: HashMap::new(),
+            hierarchy: &mut made,
+        };
+        (0..base[0] as u32).for_each(|i| walk.descend(Cell { level: 0, i, j: 0 }));
+        over.first_piece = walk.first_piece;
+        made.topology = Topology::Quads(over);
+        made
+    }
+
+    /// Numbers the nodes of a level, and stores their anchors.
+    fn number_vertices(&mut self, domain: &QuadDomain, level: usize) -> LevelNodes {
+        let of_level = Level::new(domain, level);
+        let mut is_used = vec![false; of_level.vertex_count()];
+        for cell in self.existing_cells(level) {
+            let neighbourhood = of_level.neighbourhood(level_cell(cell));
+            neighbourhood.vertices().iter().for_each(|&vertex| is_used[vertex] = true);
+        }
+        let mut nodes = LevelNodes::new();
+        for vertex in (0..is_used.len()).filter(|&vertex| is_used[vertex]) {
+            let users: Vec<Cell> =
+                of_level.users(vertex).into_iter().map(|cell| cell_of_level(cell, level)).collect();
+            if users.iter().all(|&cell| self.exists(cell)) && !users.iter().all(|&cell| self.is_split(cell)) {
+                nodes.insert(vertex, self.node_anchors.len() as u32);
+                let (quad, at) = of_level.nearest_inner_place(vertex);
+                let side = 1.0 / (1_u64 << level) as f64;
+                let [u, v] = at.map(|x| x as f64 * side);
+                self.node_anchors.push(in_quad(quad, [u, v]));
+            }
+        }
+        nodes
+    }
+
+    fn is_split(&self, cell: Cell) -> bool {
+        let columns = grid(self.base, usize::from(cell.level))[0];
+        self.split[usize::from(cell.level)][cell.j as usize * columns + cell.i as usize]
+    }
+
+    /// True if the parent of a cell is split.
+    fn exists(&self, cell: Cell) -> bool {
+        cell.level == 0 || self.is_split(Cell { level: cell.level - 1, i: cell.i / 2, j: cell.j / 2 })
+    }
+
+    fn existing_cells(&self, level: usize) -> Vec<Cell> {
+        let [columns, rows] = grid(self.base, level);
+        let cells = (0..rows as u32).flat_map(|j| (0..columns as u32).map(move |i| (i, j)));
+        let cells = cells.map(|(i, j)| Cell { level: level as u8, i, j });
+        cells.filter(|&cell| self.exists(cell)).collect()
+    }
+}
+
+/// Splits further cells until the rules of grading are satisfied: the parent of a split cell and all cells
+/// around its corners are split, and so are all cells around an extraordinary vertex if one is.
+pub(super) fn close(domain: &QuadDomain, split: &mut Vec<Vec<bool>>, max_level: usize) {
+    let quads = domain.cells().len();
+    let place = |cell: Cell| cell.j as usize * (quads << cell.level) + cell.i as usize;
+    loop {
+        let mut changed = false;
+        for level in (0..split.len()).rev() {
+            let of_level = Level::new(domain, level);
+            let coarse = level.checked_sub(1).map(|l| Level::new(domain, l));
+            let columns = quads << level;
+            for k in (0..split[level].len()).filter(|&k| split[level][k]).collect::<Vec<_>>() {
+                let cell = Cell { level: level as u8, i: (k % columns) as u32, j: (k / columns) as u32 };
+                let mut require = |of: &Level, level: usize, cells: Vec<LevelCell>| {
+                    for cell in cells.into_iter().filter(|&cell| of.is_inner(cell)) {
+                        let own = &mut split[level][place(cell_of_level(cell, level))];
+                        changed |= !*own;
+                        *own = true;
+                    }
+                };
+                let own = level_cell(cell);
+                if let Some(corner) = of_level.extraordinary_corner(own) {
+                    let vertex = of_level.corners(own)[corner as usize];
+                    require(&of_level, level, of_level.around(vertex));
+                }
+                if let Some(coarse) = &coarse {
+                    let parent = LevelCell { quad: own.quad, at: own.at.map(|x| x / 2) };
+                    let corners = coarse.corners(parent).into_iter();
+                    require(coarse, level - 1, corners.flat_map(|v| coarse.around(v)).collect());
+                }
+            }
+        }
+        // Cells split at the last level need a level for their children.
+        if split.last().is_some_and(|level| level.iter().any(|&s| s)) && split.len() <= max_level {
+            split.push(vec![false; grid([quads, 1], split.len()).iter().product()]);
+        }
+        if !changed {
+            break;
+        }
+    }
+}
+
+/// A cell in the frame of its quad.
+fn level_cell(cell: Cell) -> LevelCell {
+    let quad = cell.i >> cell.level;
+    LevelCell { quad, at: [i64::from(cell.i - (quad << cell.level)), i64::from(cell.j)] }
+}
+
+fn cell_of_level(LevelCell { quad, at: [x, y] }: LevelCell, level: usize) -> Cell {
+    Cell { level: level as u8, i: (quad << level) + x as u32, j: y as u32 }
+}
+
+/// Traversal that finds the leaves in order, with their extraction.
+struct QuadWalk<'a> {
+    levels: Vec<Level<'a>>,
+    coefficients: Coefficients<'a>,
+    hierarchy: &'a mut Hierarchy,
+    first_piece: HashMap<Cell, u32>,
+}
+
+impl QuadWalk<'_> {
+    fn descend(&mut self, cell: Cell) {
+        if self.hierarchy.is_split(cell) {
+            for (half_u, half_v) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                let [i, j] = [2 * cell.i + half_u, 2 * cell.j + half_v];
+                self.descend(Cell { level: cell.level + 1, i, j });
+            }
+            return;
+        }
+        match self.levels[usize::from(cell.level)].neighbourhood(level_cell(cell)) {
+            Neighbourhood::Regular(vertices) => {
+                let columns = grid(self.hierarchy.base, usize::from(cell.level))[0];
+                let place = cell.j as usize * columns + cell.i as usize;
+                self.hierarchy.leaf_number[usize::from(cell.level)][place] =
+                    self.hierarchy.leaves.len() as u32;
+                let one = |k: usize| std::array::from_fn(|j| f64::from(u8::from(j == k)));
+                self.add_leaf(cell, cell.level, vertices.iter().enumerate().map(|(k, &v)| (v, one(k))));
+            }
+            Neighbourhood::Around { corner, vertices } => {
+                self.first_piece.insert(cell, self.hierarchy.leaves.len() as u32);
+                let weights = leaf_weights_around((vertices.len() - 1) / VERTICES_PER_CELL);
+                for row in 0..PIECES {
+                    for column in 0..PIECES {
+                        // The same leaf in the frame in which the corner is at (0, 0).
+                        let last = PIECES - 1;
+                        let [s, t] = to_edge(corner, [column, row], last);
+                        let turned = weights[t * PIECES + s].iter().map(|w| {
+                            std::array::from_fn(|k| {
+                                let [s, t] = to_edge(corner, [k % 4, k / 4], 3);
+                                w[4 * t + s]
+                            })
+                        });
+                        let piece = Cell {
+                            level: cell.level + PIECE_LEVELS,
+                            i: (cell.i << PIECE_LEVELS) + column as u32,
+                            j: (cell.j << PIECE_LEVELS) + row as u32,
+                        };
+                        self.add_leaf(piece, cell.level, vertices.iter().copied().zip(turned));
+                    }
+                }
+            }
+        }
+    }
+
+    /// A leaf with the vertices of a level and their weights.
+    fn add_leaf(&mut self, leaf: Cell, level: u8, entries: impl Iterator<Item = (usize, [f64; 16])>) {
+        let mut merged: Vec<(u32, [f64; 16])> = Vec::with_capacity(20);
+        for (vertex, weights) in entries {
+            for &(node, share) in self.coefficients.of(usize::from(level), vertex) {
+                let at = merged.iter().position(|(n, _)| *n == node).unwrap_or_else(|| {
+                    merged.push((node, [0.0; 16]));
+                    merged.len() - 1
+                });
+                (0..16).for_each(|k| merged[at].1[k] += share * weights[k]);
+            }
+        }
+        merged.retain(|(_, weights)| weights.iter().any(|&w| w != 0.0));
+        merged.sort_unstable_by_key(|(node, _)| *node);
+        let hierarchy = &mut *self.hierarchy;
+        hierarchy.leaves.push(leaf);
+        hierarchy.nodes.extend(merged.iter().map(|(node, _)| node));
+        hierarchy.weights.extend(merged.iter().map(|(_, weights)| weights));
+        hierarchy.offsets.push(hierarchy.nodes.len() as u32);
+    }
+}
+
+#[cfg(test)]
+mod tests;

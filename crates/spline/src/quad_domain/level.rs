@@ -1,0 +1,302 @@
+//! Cells and vertices of the levels of a domain.
+//!
+//! At level `l` each quad has `n × n` cells, `n = 2^l`. Vertices are numbered: corners of quads first, then
+//! those along edges, then those inside of quads. All is computed from the quads; nothing is stored, so
+//! single cells of fine levels cost nothing.
+//!
+//! Not guaranteed: vertices that are more than one cell beyond a border.
+
+use super::QuadDomain;
+use super::extraordinary::{PLACES, VERTICES_PER_CELL};
+use super::half_edges::HalfEdges;
+
+/// A cell of a level: its quad, and its column and row there. Quads from [`QuadDomain::cells`] on lie beyond
+/// borders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct LevelCell {
+    pub(crate) quad: u32,
+    pub(crate) at: [i64; 2],
+}
+
+/// The control vertices of a cell.
+pub(crate) enum Neighbourhood {
+    /// All corners have four quads: 4 × 4 vertices, row by row.
+    Regular([usize; 16]),
+    /// This corner has not: the vertices around it, in the order of
+    /// [`leaf_weights_around`](super::extraordinary::leaf_weights_around).
+    Around { corner: u32, vertices: Vec<usize> },
+}
+
+impl Neighbourhood {
+    pub(crate) fn vertices(&self) -> &[usize] {
+        match self {
+            Self::Regular(vertices) => vertices,
+            Self::Around { vertices, .. } => vertices,
+        }
+    }
+}
+
+/// A level of a domain.
+pub(crate) struct Level<'a> {
+    domain: &'a QuadDomain,
+    edges: &'a HalfEdges,
+    /// Cells along each side of a quad.
+    n: i64,
+}
+
+/// Coordinates in a quad of side `last` in the frame of one of its edges: along the edge, and away from it.
+pub(crate) fn to_edge<T: Copy + std::ops::Sub<Output = T>>(side: u32, [x, y]: [T; 2], last: T) -> [T; 2] {
+    match side {
+        0 => [x, y],
+        1 => [y, last - x],
+        2 => [last - x, last - y],
+        _ => [last - y, x],
+    }
+}
+
+/// The inverse of [`to_edge`].
+pub(crate) fn from_edge<T: Copy + std::ops::Sub<Output = T>>(side: u32, [s, t]: [T; 2], last: T) -> [T; 2] {
+    match side {
+        0 => [s, t],
+        1 => [last - t, s],
+        2 => [last - s, last - t],
+        _ => [t, last - s],
+    }
+}
+
+impl<'a> Level<'a> {
+    pub(crate) fn new(domain: &'a QuadDomain, level: usize) -> Self {
+        Self { domain, edges: domain.edges(), n: 1 << level }
+    }
+
+    /// Number of vertices, those beyond borders included.
+    pub(crate) fn vertex_count(&self) -> usize {
+        self.first_inside() + self.edges.quads().len() * (self.n as usize - 1).pow(2)
+    }
+
+    fn first_inside(&self) -> usize {
+        self.edges.vertex_count() + self.edges.of_edges().len() * (self.n as usize - 1)
+    }
+
+    /// False for cells beyond borders.
+    pub(crate) fn is_inner(&self, cell: LevelCell) -> bool {
+        (cell.quad as usize) < self.domain.cells
+    }
+
+    /// The vertex at a place of a quad, or near it: places beyond its sides are found across its edges, first
+    /// to the left or right. `None` beyond the quads outside of borders.
+    pub(crate) fn vertex(&self, quad: u32, at: [i64; 2]) -> Option<usize> {
+        let (mut quad, mut at) = (quad, at);
+        loop {
+            let side = match at {
+                [x, _] if x < 0 => 3,
+                [x, _] if x > self.n => 1,
+                [_, y] if y < 0 => 0,
+                [_, y] if y > self.n => 2,
+                _ => break,
+            };
+            (quad, at) = self.domain.across(quad, side, at, self.n)?;
+        }
+        Some(self.number(quad, at))
+    }
+
+    /// The number of the vertex at a place in or on the sides of a quad.
+    fn number(&self, quad: u32, [x, y]: [i64; 2]) -> usize {
+        let n = self.n;
+        let corner = |k: u32| self.edges.start(4 * quad + k) as usize;
+        let side = match [x, y] {
+            [0, 0] => return corner(0),
+            [_, 0] if x == n => return corner(1),
+            [0, _] if y == n => return corner(3),
+            _ if x == n && y == n => return corner(2),
+            [_, 0] => 0,
+            [0, _] => 3,
+            _ if x == n => 1,
+            _ if y == n => 2,
+            _ => {
+                let inside = (n - 1) * ((n - 1) * i64::from(quad) + y - 1) + x - 1;
+                return self.first_inside() + inside as usize;
+            }
+        };
+        let h = 4 * quad + side;
+        let edge = self.edges.edge(h) as usize;
+        let along = to_edge(side, [x, y], n)[0];
+        let along = if self.edges.of_edges()[edge] == h { along } else { n - along };
+        self.edges.vertex_count() + edge * (n as usize - 1) + along as usize - 1
+    }
+
+    /// A place of a vertex.
+    pub(crate) fn place(&self, vertex: usize) -> (u32, [i64; 2]) {
+        let along = self.n as usize - 1;
+        let corners = self.edges.vertex_count();
+        if vertex < corners {
+            let h = self.edges.around(vertex as u32).next().unwrap_or_default();
+            (h / 4, from_edge(h % 4, [0, 0], self.n))
+        } else if vertex < self.first_inside() {
+            let (edge, s) = ((vertex - corners) / along, (vertex - corners) % along);
+            let h = self.edges.of_edges()[edge];
+            (h / 4, from_edge(h % 4, [s as i64 + 1, 0], self.n))
+        } else {
+            let inside = vertex - self.first_inside();
+            let (quad, k) = (inside / along.pow(2), inside % along.pow(2));
+            (quad as u32, [(k % along) as i64 + 1, (k / along) as i64 + 1])
+        }
+    }
+
+    /// A place of a vertex in a quad that is a cell; of a vertex beyond a border, the nearest place on it.
+    pub(crate) fn nearest_inner_place(&self, vertex: usize) -> (u32, [i64; 2]) {
+        let is_inner = |cell: &LevelCell| self.is_inner(*cell);
+        let place_in = |cell: LevelCell, vertex: usize| {
+            let k = self.corners(cell).iter().position(|&v| v == vertex).unwrap_or_default();
+            let [x, y] = cell.at;
+            (cell.quad, [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]][k])
+        };
+        let own = self.around(vertex);
+        if let Some(&cell) = own.iter().find(|cell| is_inner(cell)) {
+            return place_in(cell, vertex);
+        }
+        // A corner beyond a border shares an edge with a border vertex, or a quad beyond the corner of one.
+        let neighbours = own.iter().flat_map(|&cell| {
+            let corners = self.corners(cell);
+            let k = corners.iter().position(|&v| v == vertex).unwrap_or_default();
+            [1, 3, 2].map(|step| (step % 2 == 0, corners[(k + step) % 4]))
+        });
+        let mut neighbours: Vec<(bool, usize)> = neighbours.collect();
+        neighbours.sort_unstable();
+        let on_border = neighbours.into_iter().find_map(|(_, near)| {
+            self.around(near).into_iter().find(|cell| self.is_inner(*cell)).map(|cell| place_in(cell, near))
+        });
+        on_border.unwrap_or_else(|| self.place(vertex))
+    }
+
+    pub(crate) fn corners(&self, LevelCell { quad, at: [x, y] }: LevelCell) -> [usize; 4] {
+        [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]].map(|at| self.number(quad, at))
+    }
+
+    /// The cells around a vertex, those beyond borders included.
+    pub(crate) fn around(&self, vertex: usize) -> Vec<LevelCell> {
+        let cell =
+            |h: u32, along: i64| LevelCell { quad: h / 4, at: from_edge(h % 4, [along, 0], self.n - 1) };
+        if vertex < self.edges.vertex_count() {
+            return self.edges.around(vertex as u32).map(|h| cell(h, 0)).collect();
+        }
+        let (quad, [x, y]) = self.place(vertex);
+        if vertex >= self.first_inside() {
+            return [[x, y], [x - 1, y], [x - 1, y - 1], [x, y - 1]]
+                .map(|at| LevelCell { quad, at })
+                .to_vec();
+        }
+        let edge = (vertex - self.edges.vertex_count()) / (self.n as usize - 1);
+        let h = self.edges.of_edges()[edge];
+        let s = to_edge(h % 4, [x, y], self.n)[0];
+        let own = [cell(h, s), cell(h, s - 1)];
+        let beyond = self.edges.opposite(h).map(|o| [cell(o, self.n - s), cell(o, self.n - s - 1)]);
+        own.into_iter().chain(beyond.into_iter().flatten()).collect()
+    }
+
+    /// True for vertices of cells that have not four of them.
+    pub(crate) fn is_extraordinary(&self, vertex: usize) -> bool {
+        vertex < self.domain.inner_vertices && self.domain.valence(vertex as u32) != 4
+    }
+
+    /// The corner of a cell that has not four cells.
+    pub(crate) fn extraordinary_corner(&self, cell: LevelCell) -> Option<u32> {
+        (0..4).find(|&k| {
+            let [s, t] = to_edge(k, cell.at, self.n - 1);
+            s == 0 && t == 0 && self.is_extraordinary(self.edges.start(4 * cell.quad + k) as usize)
+        })
+    }
+
+    /// The control vertices of a cell. Its other corners must have four cells.
+    pub(crate) fn neighbourhood(&self, cell: LevelCell) -> Neighbourhood {
+        let LevelCell { quad, at: [x, y] } = cell;
+        // The domain was checked: control vertices of its cells exist.
+        let at = |quad: u32, at: [i64; 2]| self.vertex(quad, at).unwrap_or_default();
+        let Some(corner) = self.extraordinary_corner(cell) else {
+            return Neighbourhood::Regular(std::array::from_fn(|k| {
+                at(quad, [x - 1 + k as i64 % 4, y - 1 + k as i64 / 4])
+            }));
+        };
+        let first = 4 * quad + corner;
+        let vertex = self.edges.start(first);
+        let mut vertices = Vec::with_capacity(1 + VERTICES_PER_CELL * self.domain.valence(vertex));
+        vertices.push(vertex as usize);
+        for h in self.edges.around_from(first) {
+            vertices.extend(PLACES.map(|[s, t]| at(h / 4, from_edge(h % 4, [s.into(), t.into()], self.n))));
+        }
+        Neighbourhood::Around { corner, vertices }
+    }
+
+    /// The cells, not beyond borders, whose splines depend on a vertex.
+    pub(crate) fn users(&self, vertex: usize) -> Vec<LevelCell> {
+        let mut cells: Vec<LevelCell> = Vec::with_capacity(16);
+        let near = self.around(vertex).into_iter().flat_map(|cell| self.corners(cell));
+        let ring = |vertices: &mut dyn Iterator<Item = usize>, cells: &mut Vec<LevelCell>| {
+            vertices.for_each(|v| cells.extend(self.around(v)));
+            cells.sort_unstable();
+            cells.dedup();
+        };
+        ring(&mut near.collect::<Vec<_>>().into_iter(), &mut cells);
+        // All cells around an extraordinary vertex depend on all vertices of their neighbours.
+        let special: Vec<usize> = (cells.iter().flat_map(|&cell| self.corners(cell)))
+            .filter(|&v| self.is_extraordinary(v))
+            .collect();
+        ring(&mut special.into_iter(), &mut cells);
+        cells.retain(|&cell| self.is_inner(cell));
+        cells
+    }
+
+    /// A vertex as a weighted sum of those of the coarser level, `coarse`, by the rules of Catmull and Clark.
+    pub(crate) fn parents(&self, coarse: &Self, vertex: usize) -> Vec<(usize, f64)> {
+        let (quad, [x, y]) = self.place(vertex);
+        let mut sum: Vec<(usize, f64)> = Vec::with_capacity(9);
+        let mut add = |vertex: usize, weight: f64| match sum.iter_mut().find(|(v, _)| *v == vertex) {
+            Some((_, w)) => *w += weight,
+            None => sum.push((vertex, weight)),
+        };
+        let [a, b] = [[x / 2, y / 2], [(x + 1) / 2, (y + 1) / 2]].map(|at| coarse.number(quad, at));
+        match [x % 2, y % 2] {
+            [0, 0] => {
+                let cells = coarse.around(a);
+                let n = cells.len() as f64;
+                add(a, (n - 3.0) / n);
+                for cell in cells {
+                    let corners = coarse.corners(cell);
+                    let k = corners.iter().position(|&v| v == a).unwrap_or_default();
+                    corners.into_iter().for_each(|v| add(v, 0.25 / (n * n)));
+                    add(a, 1.0 / (n * n));
+                    add(corners[(k + 1) % 4], 1.0 / (n * n));
+                }
+            }
+            [1, 1] => {
+                let cell = LevelCell { quad, at: [x / 2, y / 2] };
+                coarse.corners(cell).into_iter().for_each(|v| add(v, 0.25));
+            }
+            _ => {
+                [a, b].into_iter().for_each(|v| add(v, 0.25));
+                let corners = coarse.around(a).into_iter().map(|cell| coarse.corners(cell));
+                for own in corners.filter(|own| own.contains(&b)) {
+                    own.into_iter().for_each(|v| add(v, 0.0625));
+                }
+            }
+        }
+        sum.sort_unstable_by_key(|(vertex, _)| *vertex);
+        sum
+    }
+}
+
+impl QuadDomain {
+    /// A place of a quad of side `last` in the frame of the quad across one of its sides, with that quad.
+    /// `None` at a border.
+    pub(crate) fn across<T: Copy + std::ops::Sub<Output = T> + Default>(
+        &self,
+        quad: u32,
+        side: u32,
+        at: [T; 2],
+        last: T,
+    ) -> Option<(u32, [T; 2])> {
+        let opposite = self.edges.opposite(4 * quad + side)?;
+        let [s, t] = to_edge(side, at, last);
+        Some((opposite / 4, from_edge(opposite % 4, [last - s, T::default() - t], last)))
+    }
+}
