@@ -145,7 +145,7 @@ impl QuadDomain {
     }
 
     /// # Errors
-    /// `Input` for border vertices with more than two quads. Splines have no vertices beyond the border there.
+    /// `Input` for border vertices with more than two quads: no spline has vertices beyond the border there.
     fn check_borders(&self) -> Result<()> {
         let on_border = self.edges.quads()[self.cells..].iter().flatten();
         let mut crowded = on_border.filter(|&&v| (v as usize) < self.inner_vertices && self.valence(v) != 4);

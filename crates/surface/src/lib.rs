@@ -53,6 +53,7 @@
 pub mod complete;
 pub mod export;
 pub mod fit;
+pub mod layout;
 pub mod model;
 pub mod observe;
 pub mod patch_stream;

@@ -1,0 +1,48 @@
+//! Layouts of closed surfaces.
+
+use super::*;
+use planish_core::BoundingBox;
+use planish_mesh::{icosphere, isosurface};
+
+/// The zero surface of a function that is negative inside.
+fn surface_of(value: impl Fn(DVec3) -> f64 + Sync, reach: f64, cell: f64) -> TriangleMesh {
+    let bounds = BoundingBox { min: DVec3::splat(-reach), max: DVec3::splat(reach + 0.37 * cell) };
+    isosurface(&bounds, cell, value, |_, _| true).unwrap()
+}
+
+/// Distance from a ring around an axis through a centre.
+fn ring(p: DVec3, centre: DVec3, axis: DVec3, radius: f64) -> f64 {
+    let p = p - centre;
+    let along = p.dot(axis);
+    ((p - along * axis).length() - radius).hypot(along)
+}
+
+/// Rings in a row, each touching the next: a chain has one handle for each.
+fn chain(count: usize) -> TriangleMesh {
+    let centre = |k: usize| DVec3::new(2.0 * k as f64 - count as f64 + 1.0, 0.05 * k as f64, 0.0);
+    let nearest =
+        |p: DVec3| (0..count).map(|k| ring(p, centre(k), DVec3::Z, 1.0)).fold(f64::INFINITY, f64::min);
+    surface_of(|p| nearest(p) - 0.35, count as f64 + 0.6, 0.09)
+}
+
+fn check(mesh: &TriangleMesh, genus: usize) {
+    let layout = Layout::on_mesh(mesh).unwrap();
+    assert_eq!((layout.domain.genus(), layout.domain.components()), (genus, 1));
+    assert_eq!(layout.domain.extraordinary_vertices().len(), 8 + 4 * genus);
+    let search = MeshSearch::try_new(mesh).unwrap();
+    let finer = layout.divided(&search).unwrap();
+    for quad in finer.domain.cells() {
+        let [a, b, c, d] = quad.map(|v| finer.positions[v as usize]);
+        let normal = (c - a).cross(d - b);
+        let on = search.closest(0.25 * (a + b + c + d)).unwrap();
+        assert!(normal.dot(on.normal) > 0.0, "a quad at {:?} is turned over", on.point);
+    }
+}
+
+#[test]
+fn spheres_and_chains_of_rings_are_covered() {
+    check(&icosphere(10.0, 5), 0);
+    for count in 1..4 {
+        check(&chain(count), count);
+    }
+}
