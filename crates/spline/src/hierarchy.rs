@@ -229,8 +229,10 @@ impl Hierarchy {
         split
     }
 
-    /// The cell whose functions a leaf has: itself, except at extraordinary vertices.
-    fn cell_of_leaf(&self, leaf: usize) -> Cell {
+    /// The cell whose functions a leaf has: itself, except at extraordinary vertices, where a cell has several
+    /// leaves.
+    #[must_use]
+    pub fn cell_of_leaf(&self, leaf: usize) -> Cell {
         let own = self.leaves[leaf];
         self.quads().and_then(|over| over.cell_of_piece(own)).unwrap_or(own)
     }

@@ -43,7 +43,11 @@ impl SurfaceSystem {
             space.node_count(),
             (0..leaves).map(|leaf| space.extraction(leaf).0),
         )?);
-        let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;
+        // Over quads, parameters do not show which nodes are near.
+        let ordering = match space.domain() {
+            None => NodeOrdering::nested_dissection(&pattern, space.node_anchors())?,
+            Some(_) => NodeOrdering::amd(&pattern)?,
+        };
         let symbolic_scalar = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
         let scatters = (0..leaves)
             .into_par_iter()

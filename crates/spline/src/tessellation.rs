@@ -283,15 +283,12 @@ impl<'a> Lattice<'a> {
         let cell = space.leaves()[leaf];
         let shift = self.finest - u32::from(cell.level);
         let length = 1_u32 << (shift + self.depth);
-        let [columns, rows] = space.base().map(|n| (n as u64) << (self.finest + self.depth));
+        let rows = (space.base()[1] as u64) << (self.finest + self.depth);
         let start = [cell.i, cell.j].map(|c| u64::from(c) * u64::from(length));
         // Integers instead of coordinates: vertices of neighbours are identified exactly, without a
         // tolerance.
-        let key = |x: u64, y: u64| {
-            let x = if space.periodic_u() { x % columns } else { x };
-            let y = if space.periodic_v() { y % rows } else { y };
-            y * (columns + 1) + x
-        };
+        let level = (self.finest + self.depth) as usize;
+        let key = |x: u64, y: u64| space.point_number(level, cell, [x, y]);
         let mut plan = LeafPlan {
             length,
             steps: self.steps[leaf],
@@ -336,44 +333,38 @@ impl<'a> Lattice<'a> {
     fn side_offsets(&self, cell: Cell, leaf: usize, side: Side, out: &mut Vec<u32>) {
         let space = self.surface.space();
         let shift = self.finest - u32::from(cell.level);
-        let [columns, rows] = space.base().map(|n| (n as i64) << self.finest);
-        let [left, bottom] = [cell.i, cell.j].map(|c| i64::from(c) << shift);
-        let width = 1_i64 << shift;
-        let (along_u, across, limit, periodic) = match side {
-            Side::Bottom => (true, bottom - 1, rows, space.periodic_v()),
-            Side::Top => (true, bottom + width, rows, space.periodic_v()),
-            Side::Left => (false, left - 1, columns, space.periodic_u()),
-            Side::Right => (false, left + width, columns, space.periodic_u()),
-        };
-        let across = if periodic {
-            Some(across.rem_euclid(limit))
-        } else {
-            (0..limit).contains(&across).then_some(across)
+        let [left, bottom] = [cell.i, cell.j].map(|c| c << shift);
+        let width = 1_u32 << shift;
+        let far = width - 1;
+        // The finest cells along the side: the number of the side, the first of them, and its direction.
+        let (number, [i, j], along_u) = match side {
+            Side::Bottom => (0, [left, bottom], true),
+            Side::Right => (1, [left + far, bottom], false),
+            Side::Top => (2, [left, bottom + far], true),
+            Side::Left => (3, [left, bottom], false),
         };
         let start = if along_u { left } else { bottom };
-        let direction = usize::from(!along_u);
-        let own = self.steps[leaf][direction];
+        let own = self.steps[leaf][usize::from(!along_u)];
         let mut at = start;
         while at < start + width {
             let (mut end, mut step) = (start + width, own);
-            if let Some(across) = across {
-                let (i, j) = if along_u { (at, across) } else { (across, at) };
-                let opposite = Cell { level: self.finest as u8, i: i as u32, j: j as u32 };
-                if let Some(neighbour) = space.leaf_over(opposite) {
-                    let s = self.finest - u32::from(space.leaves()[neighbour].level);
-                    // A side can have several finer neighbours, each with its own steps.
-                    end = end.min(((at >> s) + 1) << s);
-                    // The finer of both leaves determines the vertices on a common side, which leaves no
-                    // gaps.
-                    step = step.min(self.steps[neighbour][direction]);
-                }
+            let [i, j] = if along_u { [at, j] } else { [i, at] };
+            let across = space.across_side(Cell { level: self.finest as u8, i, j }, number);
+            if let Some((across, neighbour)) = across.and_then(|a| space.leaf_over(a.cell).map(|n| (a, n))) {
+                let s = self.finest - u32::from(space.leaves()[neighbour].level);
+                let before = (if across.along_u { across.cell.i } else { across.cell.j }) & ((1 << s) - 1);
+                // A side can have several finer neighbours, each with its own steps.
+                let left = if across.reversed { before + 1 } else { (1 << s) - before };
+                end = end.min(at + left);
+                // The finer of both leaves determines the vertices on a common side, which leaves no gaps.
+                step = step.min(self.steps[neighbour][usize::from(!across.along_u)]);
             }
-            let from = ((at - start) << self.depth) as u32;
-            let to = ((end - start) << self.depth) as u32;
+            let from = (at - start) << self.depth;
+            let to = (end - start) << self.depth;
             out.extend((from..to).step_by(step as usize));
             at = end;
         }
-        out.push((width << self.depth) as u32);
+        out.push(width << self.depth);
     }
 }
 

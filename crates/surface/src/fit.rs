@@ -40,6 +40,7 @@ mod misfit_report;
 mod motion;
 mod noise;
 mod options;
+mod over_quads;
 mod patch;
 mod propagation;
 mod refine;

@@ -4,7 +4,7 @@
 //! continues in the frame of the next quad.
 
 use super::{Cell, Hierarchy, NOT_A_LEAF, Topology, grid};
-use crate::quad_domain::PIECES;
+use crate::quad_domain::{Level, PIECES};
 
 /// Maximum number of edges that a step crosses.
 const MAX_CROSSINGS: usize = 16;
@@ -177,6 +177,84 @@ impl Hierarchy {
         in_quad(quad, place.map(|x| x.clamp(0.0, 1.0)))
     }
 
+    /// The leaf at a place that may lie outside of a given leaf, and the local coordinates there.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape};
+    /// let sheet = Hierarchy::uniform(Shape::Sheet, [4, 4])?;
+    /// assert_eq!(sheet.locate_near(5, [1.25, 0.5]), (6, [0.25, 0.5]));
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    #[must_use]
+    pub fn locate_near(&self, leaf: usize, local: [f64; 2]) -> (usize, [f64; 2]) {
+        let [u, v] = match self.topology {
+            Topology::Grid(_) => self.parameters(leaf, local),
+            Topology::Quads(_) => {
+                let side = self.leaves[leaf].side();
+                self.moved(self.parameters(leaf, [0.5; 2]), local.map(|x| (x - 0.5) * side))
+            }
+        };
+        self.locate(u, v)
+    }
+
+    /// The cell of the same size across a side (0 bottom, 1 right, 2 top, 3 left) of a cell; none at a
+    /// border.
+    pub(crate) fn across_side(&self, cell: Cell, side: u32) -> Option<CellAcross> {
+        let Cell { level, i, j } = cell;
+        let along_u = side.is_multiple_of(2);
+        let [di, dj] = [[0, -1], [1, 0], [0, 1], [-1, 0]][side as usize];
+        let [columns, rows] = grid(self.base, usize::from(level)).map(|n| n as i64);
+        let to = [i64::from(i) + di, i64::from(j) + dj];
+        let (to, along_u, reversed) = match &self.topology {
+            Topology::Grid(_) => {
+                let inside = |x: i64, n: i64, periodic: bool| match periodic {
+                    true => Some(x.rem_euclid(n)),
+                    false => (0..n).contains(&x).then_some(x),
+                };
+                let i = inside(to[0], columns, self.periodic_u())?;
+                ([i, inside(to[1], rows, self.periodic_v())?], along_u, false)
+            }
+            Topology::Quads(over) => {
+                let n = 1_i64 << level;
+                let quad = i >> level;
+                let first = i64::from(quad) << level;
+                if (0..n).contains(&(to[0] - first)) && (0..n).contains(&to[1]) {
+                    (to, along_u, false)
+                } else {
+                    let middle = [to[0] - first, to[1]].map(|x| x as f64 + 0.5);
+                    let (next, at, of_next) = over.domain.across_to(quad, side, middle, n as f64)?;
+                    if next as usize >= self.base[0] {
+                        return None;
+                    }
+                    let to = [(i64::from(next) << level) + at[0] as i64, at[1] as i64];
+                    // Both quads pass their common side counter-clockwise, so in opposite directions; along
+                    // the last two sides, parameters run against that.
+                    (to, of_next.is_multiple_of(2), (side < 2) == (of_next < 2))
+                }
+            }
+        };
+        Some(CellAcross { cell: Cell { level, i: to[0] as u32, j: to[1] as u32 }, along_u, reversed })
+    }
+
+    /// A number for the point at a place of the grid of a level, the same in all cells that share it.
+    pub(crate) fn point_number(&self, level: usize, cell: Cell, [x, y]: [u64; 2]) -> u64 {
+        match &self.topology {
+            Topology::Grid(_) => {
+                let [columns, rows] = grid(self.base, level).map(|n| n as u64);
+                let x = if self.periodic_u() { x % columns } else { x };
+                let y = if self.periodic_v() { y % rows } else { y };
+                y * (columns + 1) + x
+            }
+            Topology::Quads(over) => {
+                let quad = cell.i >> cell.level;
+                let first = u64::from(quad) << level;
+                let at = [(x - first) as i64, y as i64];
+                Level::new(&over.domain, level).vertex(quad, at).unwrap_or_default() as u64
+            }
+        }
+    }
+
     /// For each side of the leaf in which parameters lie, in the order left, right, bottom, top: true if they
     /// lie on a border there.
     pub(crate) fn on_border(&self, at: [f64; 2]) -> [bool; 4] {
@@ -196,6 +274,15 @@ impl Hierarchy {
         let beyond = [3, 1, 0, 2].map(|side| over.domain.across(quad, side, [0.0; 2], 1.0));
         std::array::from_fn(|k| touches[k] && beyond[k].is_none_or(|(next, _)| next as usize >= self.base[0]))
     }
+}
+
+/// A cell across a side of another one.
+pub(crate) struct CellAcross {
+    pub(crate) cell: Cell,
+    /// True if its u runs along the common side.
+    pub(crate) along_u: bool,
+    /// True if its parameter along the common side runs against that of the first cell.
+    pub(crate) reversed: bool,
 }
 
 /// Parameters of a place in a quad. The right side of a quad belongs to it, not to the next one.

@@ -295,8 +295,20 @@ impl QuadDomain {
         at: [T; 2],
         last: T,
     ) -> Option<(u32, [T; 2])> {
+        self.across_to(quad, side, at, last).map(|(next, at, _)| (next, at))
+    }
+
+    /// As [`QuadDomain::across`], with the side of the other quad.
+    pub(crate) fn across_to<T: Copy + std::ops::Sub<Output = T> + Default>(
+        &self,
+        quad: u32,
+        side: u32,
+        at: [T; 2],
+        last: T,
+    ) -> Option<(u32, [T; 2], u32)> {
         let opposite = self.edges.opposite(4 * quad + side)?;
         let [s, t] = to_edge(side, at, last);
-        Some((opposite / 4, from_edge(opposite % 4, [last - s, T::default() - t], last)))
+        let of_next = opposite % 4;
+        Some((opposite / 4, from_edge(of_next, [last - s, T::default() - t], last), of_next))
     }
 }

@@ -203,3 +203,33 @@ fn the_mesh_does_not_depend_on_the_number_of_threads() {
     };
     assert_eq!(run(1), run(3));
 }
+
+/// Meshes over quads are closed: neighbours share their vertices across edges, levels and extraordinary
+/// vertices, whichever way their parameters run.
+#[test]
+fn meshes_over_quads_are_closed() {
+    use crate::quad_domain::{QuadDomain, test_meshes::two_holes};
+    let (quads, positions) = two_holes();
+    let division = QuadDomain::new(&quads).unwrap().divided().unwrap();
+    let vertices = division.apply(&positions);
+    let mut surface =
+        Surface::new(Hierarchy::over(Arc::new(division.domain)).unwrap().into(), vertices).unwrap();
+    for round in 0..3 {
+        let supports = surface.space().support_leaves();
+        let own: Vec<usize> =
+            supports[(37 * (round + 1)) % supports.len()].iter().map(|&leaf| leaf as usize).collect();
+        surface = surface.refined(surface.space().refine(&own).into()).unwrap();
+        let options = TessellationOptions { tolerance: 0.01, ..TessellationOptions::default() };
+        let mesh = tessellate(&surface, &options).unwrap();
+        let mut edges: HashMap<(u32, u32), usize> = HashMap::new();
+        for [a, b, c] in &mesh.triangles {
+            [(*a, *b), (*b, *c), (*c, *a)].into_iter().for_each(|edge| *edges.entry(edge).or_default() += 1);
+        }
+        assert!(edges.iter().all(|(&(a, b), &count)| count == 1 && edges.get(&(b, a)) == Some(&1)));
+        let euler = mesh.positions.len() as i64 - edges.len() as i64 / 2 + mesh.triangles.len() as i64;
+        assert_eq!(euler, -2, "a surface of genus 2");
+        for (k, &[u, v]) in mesh.parameters.iter().enumerate() {
+            assert!(surface.point(u, v).distance(mesh.positions[k]) < 1e-9, "vertex {k}");
+        }
+    }
+}

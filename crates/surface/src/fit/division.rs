@@ -114,10 +114,9 @@ pub(super) fn blocks<'a>(space: &Hierarchy, misfits: impl IntoIterator<Item = &'
     for &Misfit { leaf, corner: [su, sv], .. } in misfits {
         for dv in [0.5, 0.5 + sv] {
             for du in [0.5, 0.5 + su] {
-                let [u, v] = space.parameters(leaf, [du, dv]);
-                let (other, _) = space.locate(u, v);
+                let (other, _) = space.locate_near(leaf, [du, dv]);
                 // A finer neighbour has the functions of the next level already.
-                if space.leaves()[other].level <= space.leaves()[leaf].level {
+                if space.cell_of_leaf(other).level <= space.cell_of_leaf(leaf).level {
                     marked.push(other);
                 }
             }

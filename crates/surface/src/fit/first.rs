@@ -11,6 +11,7 @@ use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
+use super::over_quads::surface_over_quads;
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result};
@@ -62,6 +63,12 @@ pub(super) fn first_surface(
     // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
+    if base.shape == Shape::Ball && options.shape.is_none() && options.any_topology() {
+        progress.check("topology", 0.04)?;
+        if let Some(surface) = surface_over_quads(&points, &normals)? {
+            return Ok(surface);
+        }
+    }
     if base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals) {
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);

@@ -14,7 +14,7 @@
 //! # References
 //! Kazhdan, *Reconstruction of solid models from oriented point sets*, SGP 2005.
 
-use planish_core::DVec3;
+use planish_core::{BoundingBox, DVec3};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 use rustfft::{FftDirection, FftPlanner};
@@ -165,6 +165,19 @@ impl BlurredIndicator {
     /// The values at all grid points, x fastest, and their number along each side.
     pub(super) fn grid_values(&self) -> (&[f64], usize) {
         (&self.values, self.grid.cells)
+    }
+
+    /// Side of a grid cell.
+    pub(super) fn cell(&self) -> f64 {
+        self.grid.cell
+    }
+
+    /// The box around the points: the grid without the parts where its periodic images might matter.
+    pub(super) fn bounds(&self) -> BoundingBox {
+        let side = self.grid.cell * (self.grid.cells - 1) as f64;
+        let margin = DVec3::splat(0.1 * side);
+        let min = self.grid.origin + margin;
+        BoundingBox { min, max: self.grid.origin + DVec3::splat(side) - margin }
     }
 
     /// Median slope of the indicator at the points.

@@ -10,10 +10,7 @@ pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))
-        .map(|local| {
-            let [u, v] = space.parameters(leaf, local);
-            space.locate(u, v).0
-        })
+        .map(|local| space.locate_near(leaf, local).0)
         .collect();
     // Several of the nine points may lie in one coarser neighbour.
     found.sort_unstable();

@@ -121,6 +121,9 @@ pub struct GlobalOptions {
     /// Number of snapshots to keep of the model as it forms (default: none): see
     /// [`Fit::formation`](super::Fit).
     pub snapshots: Option<usize>,
+    /// Fit closed objects with handles, and several bodies, over a mesh of quads instead of refusing them
+    /// (default: no). Such models are not saved and not exported for CAD yet.
+    pub any_topology: bool,
 }
 
 /// Settings of a fit by the patch filter.
@@ -251,6 +254,15 @@ impl Strategy {
 }
 
 impl FitOptions {
+    /// True if surfaces may have any topology.
+    #[must_use]
+    pub fn any_topology(&self) -> bool {
+        match &self.strategy {
+            Strategy::Global(global) | Strategy::Moving(global) => global.any_topology,
+            Strategy::Patches(_) | Strategy::KnownParameters { .. } | Strategy::Bending => false,
+        }
+    }
+
     /// The width of objects that are removed, if only bare earth is kept.
     #[must_use]
     pub fn ground(&self) -> Option<GroundWidth> {

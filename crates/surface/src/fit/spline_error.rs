@@ -138,12 +138,13 @@ impl Changes {
         Self([-BEYOND, 1.0 + BEYOND].map(|at| {
             let mut local = [0.5; 2];
             local[axis] = at;
-            let [u, v] = space.parameters(leaf, local);
-            let (other, at_other) = space.locate(u, v);
+            let (other, at_other) = space.locate_near(leaf, local);
             let (other_first, other_third) = derivatives(surface, other, axis, at_other);
             let cosine = first.normalize_or_zero().dot(other_first.normalize_or_zero());
-            // Beyond an open border is the leaf itself.
-            if other == leaf || cosine < MIN_COSINE {
+            // Beyond an open border is the leaf itself. Third derivatives of the leaves at an extraordinary
+            // vertex change in any case.
+            let at_vertex = [leaf, other].iter().any(|&own| space.cell_of_leaf(own) != space.leaves()[own]);
+            if other == leaf || cosine < MIN_COSINE || at_vertex {
                 return None;
             }
             let towards = if at < 0.0 { -1.0 } else { 1.0 };
