@@ -41,11 +41,13 @@ pub struct Layout {
     pub positions: Vec<DVec3>,
 }
 
+/// Edges from the middle of a cap to its sides in the finest layout.
+const FINEST_CAP: usize = 4;
 /// Attempts with different ends of the function, if it has critical points that are no simple saddles.
 const ATTEMPTS: usize = 8;
 
 impl Layout {
-    /// A domain that covers a closed mesh.
+    /// A domain that covers a closed mesh, with about `max_quads` at most where that is possible.
     ///
     /// # Errors
     /// `Input` for meshes with borders or of other than manifold topology; `Undetermined` if no harmonic
@@ -55,12 +57,12 @@ impl Layout {
     /// ```
     /// use planish_mesh::icosphere;
     /// use planish_surface::layout::Layout;
-    /// let layout = Layout::on_mesh(&icosphere(10.0, 4))?;
+    /// let layout = Layout::on_mesh(&icosphere(10.0, 4), 500)?;
     /// assert_eq!((layout.domain.genus(), layout.domain.extraordinary_vertices().len()), (0, 8));
     /// assert!(layout.positions.iter().all(|p| (p.length() - 10.0).abs() < 0.1));
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
-    pub fn on_mesh(mesh: &TriangleMesh) -> Result<Self> {
+    pub fn on_mesh(mesh: &TriangleMesh, max_quads: usize) -> Result<Self> {
         let check = mesh.check();
         if !(check.watertight && check.manifold && check.oriented) {
             return Err(Error::input("a layout needs a closed manifold mesh with one orientation"));
@@ -73,7 +75,15 @@ impl Layout {
             let contours = made.transpose()?.ok_or_else(|| {
                 Error::undetermined("no function with simple saddles was found on the surface")
             })?;
-            let (own_quads, mut own_positions) = rings::quads_along(&contours)?;
+            let share = own.area() / mesh.area();
+            let mut cap = FINEST_CAP;
+            let (own_quads, mut own_positions) = loop {
+                let made = rings::quads_along(&contours, cap)?;
+                if cap == 1 || made.0.len() as f64 <= share * max_quads as f64 {
+                    break made;
+                }
+                cap -= 1;
+            };
             let domain = QuadDomain::new(&own_quads)?;
             relaxation::relax(&domain, &mut own_positions, &MeshSearch::try_new(&own)?);
             let first = positions.len() as u32;

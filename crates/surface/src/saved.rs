@@ -136,6 +136,8 @@ const SUPPORT_DISTANCE: &str = "support_distance";
 /// Errors where nothing was measured: see [`PredictiveSigma`](crate::model::PredictiveSigma).
 const PREDICTIVE_ERRORS: &str = "predictive_errors";
 const PREDICTIVE_LIMITS: &str = "predictive_limits";
+/// Corners of the quads, of a surface over quads.
+const QUADS: &str = "quads";
 /// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
 /// the information about them.
 const SHARED_COUPLING: &str = "information_shared_coupling";
@@ -279,6 +281,13 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     ]
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
+    if let Some(domain) = space.domain() {
+        let quads = domain.cells();
+        tensors.insert(
+            QUADS.to_owned(),
+            tensor(&[quads.len(), 4], TensorData::U32(quads.iter().flatten().copied().collect())),
+        );
+    }
     if let Some(shared) = model.known.scan_errors() {
         let width = shared.corner.len().isqrt();
         tensors.insert(

@@ -10,12 +10,12 @@
 //! vertex are split together. Where they are, the surface changes slightly, since the finer space does not
 //! contain the coarser one there.
 
-use super::{Cell, Hierarchy, NOT_A_LEAF, Topology, grid, places::in_quad};
+use super::{Cell, Hierarchy, MAX_LEVEL, NOT_A_LEAF, Topology, grid, places::in_quad};
 use crate::quad_domain::{
     Level, LevelCell, Neighbourhood, PIECES, QuadDomain, VERTICES_PER_CELL, leaf_weights_around, to_edge,
 };
 use planish_estimate::{Error, Result};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, OnceLock};
 
 /// Levels between a cell at an extraordinary vertex and its leaves.
@@ -148,6 +148,68 @@ impl Hierarchy {
             return Err(Error::input(format!("a domain of {quads} quads is too large")));
         }
         Ok(Self::build_over(domain, vec![vec![false; quads]]))
+    }
+
+    /// The hierarchy over a domain of quads whose leaves are exactly the given cells.
+    ///
+    /// # Errors
+    /// As for [`Hierarchy::over`]; `Input` when the cells do not tile the domain exactly once, or break the
+    /// rules of grading.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, QuadDomain};
+    /// use std::sync::Arc;
+    /// let domain = Arc::new(QuadDomain::new(&[[0, 1, 4, 3], [1, 2, 5, 4]])?);
+    /// let refined = Hierarchy::over(domain.clone())?.refine(&[1]);
+    /// let rebuilt = Hierarchy::over_leaves(domain, refined.leaves())?;
+    /// assert_eq!(rebuilt.leaves(), refined.leaves());
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    pub fn over_leaves(domain: Arc<QuadDomain>, leaves: &[Cell]) -> Result<Self> {
+        let unrefined = Self::over(Arc::clone(&domain))?;
+        let quads = unrefined.base[0];
+        let all: HashSet<Cell> = leaves.iter().copied().collect();
+        let mut split = vec![vec![false; quads]];
+        for &leaf in leaves {
+            if usize::from(leaf.level) > MAX_LEVEL
+                || leaf.i as usize >= quads << leaf.level
+                || leaf.j as usize >= 1 << leaf.level
+            {
+                return Err(Error::input(format!("cell {leaf:?} lies outside the {quads} quads")));
+            }
+            // A leaf is a piece of a cell at an extraordinary vertex if the leaf at the vertex has its level:
+            // where the cell is split, that one is finer.
+            let of_piece = leaf.level.checked_sub(PIECE_LEVELS).and_then(|level| {
+                let cell = Cell { level, i: leaf.i >> PIECE_LEVELS, j: leaf.j >> PIECE_LEVELS };
+                let corner = Level::new(&domain, level.into()).extraordinary_corner(level_cell(cell))?;
+                let last = PIECES as u32 - 1;
+                let [x, y] = [[0, 0], [last, 0], [last, last], [0, last]][corner as usize];
+                let [i, j] = [(cell.i << PIECE_LEVELS) + x, (cell.j << PIECE_LEVELS) + y];
+                all.contains(&Cell { level: leaf.level, i, j }).then_some(cell)
+            });
+            let Cell { level, mut i, mut j } = of_piece.unwrap_or(leaf);
+            for level in (0..usize::from(level)).rev() {
+                (i, j) = (i / 2, j / 2);
+                while split.len() <= level {
+                    split.push(vec![false; grid([quads, 1], split.len()).iter().product()]);
+                }
+                split[level][j as usize * (quads << level) + i as usize] = true;
+            }
+        }
+        close(&domain, &mut split, MAX_LEVEL);
+        let built = Self::build_over(domain, split);
+        let sorted = |cells: &[Cell]| {
+            let mut cells = cells.to_vec();
+            cells.sort_unstable();
+            cells
+        };
+        if sorted(leaves) != sorted(&built.leaves) {
+            return Err(Error::input(
+                "the cells do not tile the quads exactly once, or break the rules of grading",
+            ));
+        }
+        Ok(built)
     }
 
     /// Over a domain of quads, the nodes of a finer hierarchy as weighted nodes of this one: by the rules of

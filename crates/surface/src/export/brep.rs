@@ -6,13 +6,16 @@
 //!
 //! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two
 //! halves, a torus in four quarters); a large one in a face for each cell of the base grid, each at its own
-//! finest level. Neighbours share edges, whose curves come from the finer side.
+//! finest level. Neighbours share edges, whose curves come from the finer side. A surface over quads has a face
+//! for each of them.
 //!
 //! Not guaranteed: that faces do not cross each other where the surface folds.
 //!
 //! # References
 //! Boehm, *Inserting new knots into B-spline curves*, CAD 1980 (clamping); Ramshaw, *Blossoms are polar
 //! forms*, CAGD 1989.
+
+mod over_quads;
 
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
@@ -35,7 +38,7 @@ impl Default for BrepOptions {
 /// The exact surface as B-spline faces; closed for a ball and a torus, and then with its faces turned
 /// outward.
 ///
-/// A face's parameters are the surface's, in base-grid units. Cost: linear in the control points written.
+/// Several bodies are several closed sets of faces. A face's parameters are the surface's, in base-grid units. Cost: linear in the control points written.
 ///
 /// # Examples
 /// ```
@@ -50,6 +53,9 @@ impl Default for BrepOptions {
 /// ```
 #[must_use]
 pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
+    if let Some(domain) = surface.space().domain() {
+        return over_quads::brep(surface, domain);
+    }
     Patches::within(surface.space(), options).brep(surface)
 }
 

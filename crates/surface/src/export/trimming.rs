@@ -6,7 +6,7 @@
 //!
 //! Not guaranteed: that separate parts that touch in a corner are separate for every reader.
 
-use super::brep::{BrepOptions, Patches};
+use super::brep::{BrepOptions, Patches, brep_from_surface};
 use crate::model::{Observed, SurfaceModel};
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve};
@@ -17,10 +17,9 @@ use std::collections::{BTreeMap, HashMap};
 /// holes and rims are stepped by cells of [`Support`](crate::model::Support).
 #[must_use]
 pub fn brep_from_model(model: &SurfaceModel, options: &BrepOptions) -> Brep {
-    let patches = Patches::within(model.surface.space(), options);
     match KeptParts::new(model) {
-        Some(kept) => kept.brep(&patches),
-        None => patches.brep(&model.surface),
+        Some(kept) => kept.brep(&Patches::within(model.surface.space(), options)),
+        None => brep_from_surface(&model.surface, options),
     }
 }
 

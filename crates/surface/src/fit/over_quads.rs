@@ -20,12 +20,16 @@ const INTERPOLATION_STEPS: usize = 20;
 ///
 /// # Errors
 /// As for [`Layout::on_mesh`].
-pub(super) fn surface_over_quads(points: &[DVec3], normals: &[DVec3]) -> Result<Option<Surface>> {
+pub(super) fn surface_over_quads(
+    points: &[DVec3],
+    normals: &[DVec3],
+    max_quads: usize,
+) -> Result<Option<Surface>> {
     let solid = EnclosedSolid::new(points, normals);
     if solid.topology == EnclosedTopology::BALL {
         return Ok(None);
     }
-    let layout = Layout::on_mesh(&solid.mesh()?)?;
+    let layout = Layout::on_mesh(&solid.mesh()?, max_quads)?;
     interpolating(layout).map(Some)
 }
 
@@ -43,3 +47,6 @@ fn interpolating(layout: Layout) -> Result<Surface> {
     }
     Ok(surface)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,51 +1,73 @@
-//! Even quads: vertices move towards the means of their neighbours, along the mesh.
+//! Even quads: each pulls its corners towards the nearest square, and vertices move along the mesh.
 //!
-//! Away from extraordinary vertices only a few times: on a bent tube, all would slide to its inner side.
+//! Squares of any size are allowed, so quads may be large in one place and small in another. Quads that are
+//! turned over are pulled apart, because a square keeps the orientation of the mesh. Means of neighbours, as in
+//! Laplacian smoothing, would instead move all vertices of a bent tube to its inner side.
 
 use planish_core::DVec3;
+use planish_core::vector3::tangents;
 use planish_mesh::MeshSearch;
 use planish_spline::QuadDomain;
 use rayon::prelude::*;
 
-/// Steps of all vertices, and of those near extraordinary ones.
-const ROUNDS_OF_ALL: usize = 6;
-const ROUNDS: usize = 40;
-/// Edges from an extraordinary vertex within which vertices move.
-const REACH: usize = 3;
-/// Share of the way to the mean of the neighbours.
-const STEP: f64 = 0.5;
+const ROUNDS: usize = 100;
+/// Share of the way to the mean of the corners of squares.
+const STEP: f64 = 0.7;
+/// Smallest square, as a share of the mean distance of the corners from the middle of their quad.
+const MIN_SIZE: f64 = 0.5;
+/// Corners of a square.
+const SQUARE: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
 
-/// Moves vertices of a closed domain along a mesh.
+/// Moves the vertices of a closed domain along a mesh.
 pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &MeshSearch) {
-    let mut neighbours = vec![Vec::new(); positions.len()];
-    for quad in domain.cells() {
-        for k in 0..4 {
-            // Each edge has two quads, which pass it in opposite directions.
-            neighbours[quad[k] as usize].push(quad[(k + 1) % 4]);
-        }
+    let mut corners_of = vec![Vec::new(); positions.len()];
+    for (q, quad) in domain.cells().iter().enumerate() {
+        (0..4).for_each(|k| corners_of[quad[k] as usize].push((q, k)));
     }
-    let mut moves = vec![false; positions.len()];
-    domain.extraordinary_vertices().into_iter().for_each(|v| moves[v as usize] = true);
-    for _ in 0..REACH {
-        let near = |v: usize| moves[v] || neighbours[v].iter().any(|&n| moves[n as usize]);
-        moves = (0..moves.len()).map(near).collect();
-    }
-    *positions = positions.par_iter().map(|p| mesh.closest(*p).map_or(*p, |on| on.point)).collect();
-    for round in 0..ROUNDS {
-        *positions = (0..positions.len())
+    let mut on: Vec<(DVec3, DVec3)> = positions.par_iter().map(|p| nearest(mesh, *p)).collect();
+    for _ in 0..ROUNDS {
+        let squares: Vec<[DVec3; 4]> =
+            domain.cells().par_iter().map(|quad| square_near(quad.map(|v| on[v as usize]))).collect();
+        on = (0..on.len())
             .into_par_iter()
             .map(|v| {
-                if round >= ROUNDS_OF_ALL && !moves[v] {
-                    return positions[v];
-                }
-                let Some(on) = mesh.closest(positions[v]) else { return positions[v] };
-                let mean: DVec3 = neighbours[v].iter().map(|&n| positions[n as usize]).sum::<DVec3>()
-                    / neighbours[v].len() as f64;
+                let (at, normal) = on[v];
+                let own = &corners_of[v];
+                let mean = own.iter().map(|&(q, k)| squares[q][k]).sum::<DVec3>() / own.len() as f64;
                 // Without its part along the normal, the step stays near this side of a thin part.
-                let step = STEP * (mean - on.point);
-                let along = step - step.dot(on.normal) * on.normal;
-                mesh.closest(on.point + along).map_or(on.point, |moved| moved.point)
+                let step = STEP * (mean - at);
+                nearest(mesh, at + step - step.dot(normal) * normal)
             })
             .collect();
     }
+    *positions = on.into_iter().map(|(point, _)| point).collect();
+}
+
+/// The point of a mesh nearest to a position, with its normal.
+fn nearest(mesh: &MeshSearch, position: DVec3) -> (DVec3, DVec3) {
+    mesh.closest(position).map_or((position, DVec3::ZERO), |on| (on.point, on.normal))
+}
+
+/// The corners of the square nearest to those of a quad, in the plane across their mean normal.
+fn square_near(corners: [(DVec3, DVec3); 4]) -> [DVec3; 4] {
+    let middle = 0.25 * corners.iter().map(|(p, _)| *p).sum::<DVec3>();
+    let Some(normal) = corners.iter().map(|(_, n)| *n).sum::<DVec3>().try_normalize() else {
+        return corners.map(|(p, _)| p);
+    };
+    let (e1, e2) = tangents(normal);
+    // With complex numbers z for the corners and s for those of a square, the factor of least squares is
+    // Σ s̄ z / Σ |s|².
+    let (mut re, mut im, mut size) = (0.0, 0.0, 0.0);
+    for ((p, _), [x, y]) in corners.iter().zip(SQUARE) {
+        let (u, v) = ((*p - middle).dot(e1), (*p - middle).dot(e2));
+        re += 0.125 * (x * u + y * v);
+        im += 0.125 * (x * v - y * u);
+        size += 0.25 * u.hypot(v) / std::f64::consts::SQRT_2;
+    }
+    let own = re.hypot(im);
+    let scale = if own > 0.0 { own.max(MIN_SIZE * size) / own } else { 0.0 };
+    SQUARE.map(|[x, y]| {
+        let (u, v) = (scale * (re * x - im * y), scale * (re * y + im * x));
+        middle + u * e1 + v * e2
+    })
 }

@@ -4,16 +4,7 @@ use super::contours::{Contour, Contours, Critical};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
-/// Edges from the middle of a cap to its sides.
-const CAP: usize = 4;
-/// Columns of the first arc: the vertices around a cap.
-const COLUMNS: usize = 8 * CAP;
-/// Edges of the line along which three rings meet: as many as through a cap, so that the last ring has as many
-/// columns as the first one.
-const MEETING_EDGES: usize = 2 * CAP;
-/// Fewest edges of a ring on one side of a saddle.
-const MIN_SIDE: usize = 2 * CAP;
-/// Distance of the ring around a cap from its middle, in sides of quads times [`CAP`].
+/// Distance of the ring around a cap from its middle, in sides of quads times `cap`.
 const CAP_RADIUS: f64 = 1.2;
 /// Distance of the ring of a trunk from its saddle, in the same unit.
 const MEETING_REACH: f64 = 0.8;
@@ -22,14 +13,15 @@ const LENGTH_SAMPLES: usize = 48;
 /// Turns of a ring that are compared.
 const TURNS: usize = 64;
 
-/// Quads over the whole mesh, and the positions of their vertices.
+/// Quads over the whole mesh, and the positions of their vertices. There are `cap` edges from the middle of a
+/// cap to its sides, and as many from a saddle to the ends of the line along which its rings meet.
 ///
 /// # Errors
 /// `Undetermined` if contours do not meet at a saddle as they should.
-pub(super) fn quads_along(contours: &Contours) -> Result<(Vec<[u32; 4]>, Vec<DVec3>)> {
+pub(super) fn quads_along(contours: &Contours, cap: usize) -> Result<(Vec<[u32; 4]>, Vec<DVec3>)> {
     let along = (0..contours.arcs.len()).map(|arc| Along::new(contours, arc)).collect();
     let starts = vec![None; contours.arcs.len()];
-    let mut made = Made { contours, along, positions: Vec::new(), quads: Vec::new(), starts };
+    let mut made = Made { contours, cap, along, positions: Vec::new(), quads: Vec::new(), starts };
     for (rank, critical) in &contours.critical {
         match critical {
             Critical::Minimum { .. } => {}
@@ -38,7 +30,7 @@ pub(super) fn quads_along(contours: &Contours) -> Result<(Vec<[u32; 4]>, Vec<DVe
                 let columns = made.columns(*below);
                 let (ring, legs, at) = made.meeting(*rank, *below, above, |lengths: [f64; 2], _| {
                     let share = (columns as f64 * lengths[0] / (lengths[0] + lengths[1])).round() as usize;
-                    let first = share.clamp(MIN_SIDE, columns - MIN_SIDE);
+                    let first = share.clamp(2 * cap, columns - 2 * cap);
                     [first, columns - first]
                 })?;
                 made.add_arc(*below, Some(End { ring, at }))?;
@@ -49,7 +41,7 @@ pub(super) fn quads_along(contours: &Contours) -> Result<(Vec<[u32; 4]>, Vec<DVe
             Critical::Merge { below, above } => {
                 let columns = below.map(|arc| made.columns(arc));
                 let (ring, legs, at) = made.meeting(*rank, *above, below, |_, leg_of_side: [usize; 2]| {
-                    leg_of_side.map(|leg| columns[leg] - MEETING_EDGES)
+                    leg_of_side.map(|leg| columns[leg] - 2 * cap)
                 })?;
                 for (arc, ring) in below.iter().zip(legs) {
                     let at = made.along[*arc].total();
@@ -75,6 +67,7 @@ struct End {
 
 struct Made<'a> {
     contours: &'a Contours<'a>,
+    cap: usize,
     /// Lengths along each arc.
     along: Vec<Along>,
     positions: Vec<DVec3>,
@@ -89,8 +82,9 @@ impl Made<'_> {
         self.positions.len() as u32 - 1
     }
 
+    /// Those of an arc that begins at a cap are the vertices around it.
     fn columns(&self, arc: usize) -> usize {
-        self.starts[arc].as_ref().map_or(COLUMNS, |start| start.ring.len())
+        self.starts[arc].as_ref().map_or(8 * self.cap, |start| start.ring.len())
     }
 
     /// The vertices of the three rings at a saddle: the ring of the trunk, those of both legs, and where on
@@ -108,7 +102,7 @@ impl Made<'_> {
     ) -> Result<(Ring, [Ring; 2], f64)> {
         let is_below = self.contours.arcs[trunk].ends[1] == rank;
         let along = &self.along[trunk];
-        let reach = MEETING_REACH * CAP as f64 * along.mean_length() / self.columns(trunk) as f64;
+        let reach = MEETING_REACH * self.cap as f64 * along.mean_length() / self.columns(trunk) as f64;
         let mut reach = reach.min(along.total() / 3.0);
         let (contour, paths, at) = loop {
             let at = if is_below { along.total() - reach } else { reach };
@@ -135,7 +129,7 @@ impl Made<'_> {
         let middle = self.add_vertex(self.contours.position(rank));
         // From each end to the saddle.
         let ways: [Ring; 2] = std::array::from_fn(|k| {
-            let inner = inner_points(&paths[k].points, CAP);
+            let inner = inner_points(&paths[k].points, self.cap);
             inner.into_iter().rev().map(|p| self.add_vertex(p)).collect()
         });
         let mut ring = Ring::new();
@@ -154,10 +148,10 @@ impl Made<'_> {
     /// The quads of an arc, up to the given ring or to a cap.
     fn add_arc(&mut self, arc: usize, last: Option<End>) -> Result<()> {
         let start = self.starts[arc].take();
-        let columns = start.as_ref().map_or(COLUMNS, |start| start.ring.len());
+        let columns = start.as_ref().map_or(8 * self.cap, |start| start.ring.len());
         let total = self.along[arc].total();
         let side = self.along[arc].mean_length() / columns as f64;
-        let radius = (CAP_RADIUS * CAP as f64 * side).min(total / 3.0);
+        let radius = (CAP_RADIUS * self.cap as f64 * side).min(total / 3.0);
         let begin = start.as_ref().map_or(radius, |start| start.at);
         let end = last.as_ref().map_or(total - radius, |last| last.at);
         // With a single row, two arcs between the same saddles could have an edge in common.
@@ -206,9 +200,9 @@ impl Made<'_> {
     fn add_cap(&mut self, arc: usize, ring: &[u32], radius: f64, is_above: bool) {
         let total = self.along[arc].total();
         let mut squares = vec![ring.to_vec()];
-        for square in (1..CAP).rev() {
+        for square in (1..self.cap).rev() {
             let outer: Vec<DVec3> = squares[0].iter().map(|&v| self.positions[v as usize]).collect();
-            let from_end = radius * square as f64 / CAP as f64;
+            let from_end = radius * square as f64 / self.cap as f64;
             let contour = self.contour_at(arc, if is_above { total - from_end } else { from_end });
             let known: Vec<DVec3> = sampled(&outer, 8 * square, 0.0);
             let points = aligned(&contour.points, &known);
@@ -228,7 +222,7 @@ impl Made<'_> {
             };
             squares[square as usize - 1][place as usize % (8 * square as usize)]
         };
-        let reach = CAP as i64;
+        let reach = self.cap as i64;
         let places = (-reach..reach).flat_map(|y| (-reach..reach).map(move |x| (x, y)));
         self.quads.extend(places.map(|(x, y)| {
             let quad = [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)];

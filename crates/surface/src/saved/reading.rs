@@ -7,7 +7,7 @@
 use super::consistency::MeanResidual;
 use super::ranges::{check_information, check_metadata, check_pose, check_rows, check_semidefinite};
 use super::{
-    Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, SHARED_CORNER, SHARED_COUPLING, SUPPORT_DEPTH,
+    Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, QUADS, SHARED_CORNER, SHARED_COUPLING, SUPPORT_DEPTH,
     SUPPORT_DISTANCE, SUPPORT_MARKS, SavedModel, UNRESOLVED_SHAPE, flat_pattern,
 };
 use crate::model::{
@@ -20,7 +20,7 @@ use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::model::{ModelFile, Tensor, TensorData};
-use planish_spline::{Cell, Hierarchy, MAX_LEVEL, Shape, Surface};
+use planish_spline::{Cell, Hierarchy, MAX_LEVEL, QuadDomain, Shape, Surface};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -202,11 +202,9 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
     let metadata: Metadata = serde_json::from_value(file.metadata)
         .map_err(|e| Error::input("the metadata lacks something or has another form").with_source(e))?;
     let unit: Unit = metadata.unit.parse()?;
-    let shape = Shape::from_name(&metadata.shape).ok_or_else(|| {
-        Error::input(format!("shape: expected sheet, tube, ball or torus, found `{}`", metadata.shape))
-    })?;
     check_metadata(&metadata)?;
     let mut tensors = Tensors(file.tensors);
+    let unrefined = unrefined(&metadata, &mut tensors)?;
     for (name, cells) in [("knots_u", metadata.base[0]), ("knots_v", metadata.base[1])] {
         let knots = tensors.f64(name, &[])?;
         // A damaged file may state any number of cells.
@@ -217,7 +215,7 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
         }
     }
     // Another program may write the cells in any order; columns by cell are sorted with `order`.
-    let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
+    let (space, order) = hierarchy(&unrefined, &tensors.u32("cells", &[3])?)?;
     let marks = tensors.u8("observed")?;
     expect_rows("observed", marks.len(), order.len(), "cells")?;
     check_rows("observed", &marks, 1, "0, 1, 2 or 3", |mark| Observed::from_mark(mark[0]).is_some())?;
@@ -267,6 +265,7 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
             }
         }
         Some(notes) => {
+            let shape = space.shape().ok_or_else(|| Error::input("expected patches over a grid"))?;
             let filter = notes.filter(shape, metadata.base, &mut tensors)?;
             if filter.space().leaves() != space.leaves() {
                 return Err(Error::input("expected patches of cells of the model, found others"));
@@ -303,8 +302,47 @@ fn missing_checksums(file: &ModelFile) -> Vec<Finding> {
     (!file.has_checksums()).then(finding).into_iter().collect()
 }
 
+/// What the cells of a hierarchy divide.
+enum Unrefined {
+    Grid(Shape, [usize; 2]),
+    Quads(Arc<QuadDomain>),
+}
+
+impl Unrefined {
+    fn base(&self) -> [usize; 2] {
+        match self {
+            Self::Grid(_, base) => *base,
+            Self::Quads(domain) => [domain.cells().len(), 1],
+        }
+    }
+}
+
+fn unrefined(metadata: &Metadata, tensors: &mut Tensors) -> Result<Unrefined> {
+    if let Some(shape) = Shape::from_name(&metadata.shape) {
+        return Ok(Unrefined::Grid(shape, metadata.base));
+    }
+    if metadata.shape != "quads" {
+        return Err(Error::input(format!(
+            "shape: expected sheet, tube, ball, torus or quads, found `{}`",
+            metadata.shape
+        )));
+    }
+    let quads = tensors.u32(QUADS, &[4])?;
+    let domain = QuadDomain::new(quads.as_chunks::<4>().0)?;
+    if metadata.base != [domain.cells().len(), 1] {
+        return Err(Error::input(format!(
+            "expected one row of {} base cells, one for each quad, found {} × {}",
+            domain.cells().len(),
+            metadata.base[0],
+            metadata.base[1]
+        )));
+    }
+    Ok(Unrefined::Quads(Arc::new(domain)))
+}
+
 /// The hierarchy of the cells, and for each cell in the file's order its leaf.
-fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hierarchy>, Vec<usize>)> {
+fn hierarchy(unrefined: &Unrefined, numbers: &[u32]) -> Result<(Arc<Hierarchy>, Vec<usize>)> {
+    let base = unrefined.base();
     let mut cells = Vec::with_capacity(numbers.len() / 3);
     for &[level, i, j] in numbers.as_chunks::<3>().0 {
         let level = u8::try_from(level).ok().filter(|&l| usize::from(l) <= MAX_LEVEL).ok_or_else(|| {
@@ -325,7 +363,10 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
             cells.len()
         )));
     }
-    let space = Hierarchy::from_leaves(shape, base, &cells)?;
+    let space = match unrefined {
+        Unrefined::Grid(shape, base) => Hierarchy::from_leaves(*shape, *base, &cells)?,
+        Unrefined::Quads(domain) => Hierarchy::over_leaves(Arc::clone(domain), &cells)?,
+    };
     let order = cells
         .iter()
         .map(|&cell| {

@@ -111,6 +111,11 @@ fn refined_hierarchies_are_sound() {
             assert_eq!(space.leaf_over(Cell { level: 0, i: at[0] as u32, j: 0 }).is_some(), cell.level == 0);
         }
         assert_eq!(space.unrefined().leaves(), surface.space().leaves());
+        let domain = || Arc::clone(space.domain().unwrap());
+        let rebuilt = Hierarchy::over_leaves(domain(), space.leaves()).unwrap();
+        assert_eq!(rebuilt.leaves(), space.leaves());
+        assert_eq!(rebuilt.node_count(), space.node_count());
+        assert!(Hierarchy::over_leaves(domain(), &space.leaves()[1..]).is_err());
     }
 }
 
