@@ -229,8 +229,8 @@ impl Hierarchy {
         split
     }
 
-    /// The cell whose functions a leaf has: itself, except at extraordinary vertices, where a cell has several
-    /// leaves.
+    /// The cell whose functions a leaf has: itself, except at extraordinary vertices, where a cell has
+    /// several leaves.
     #[must_use]
     pub fn cell_of_leaf(&self, leaf: usize) -> Cell {
         let own = self.leaves[leaf];

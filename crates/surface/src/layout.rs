@@ -3,11 +3,11 @@
 //! Input: a closed triangle mesh. Output: a [`QuadDomain`] with a position on the mesh for each vertex.
 //!
 //! A harmonic function between two far points of a component has no other extremum and `2 g` saddles. Its
-//! contours are rings; between critical values they form cylinders (the arcs of the Reeb graph). Each cylinder
-//! has a number of columns that stays the same from one end to the other. At a saddle one ring becomes two, or
-//! two become one. The three rings meet along a line through the saddle, both ends of which have six quads. A
-//! square grid of quads closes each end of the function, with four corners that have three quads. So there are
-//! `8 + 4 g` extraordinary vertices.
+//! contours are rings; between critical values they form cylinders (the arcs of the Reeb graph). Each
+//! cylinder has a number of columns that stays the same from one end to the other. At a saddle one ring
+//! becomes two, or two become one. The three rings meet along a line through the saddle, both ends of which
+//! have six quads. A square grid of quads closes each end of the function, with four corners that have
+//! three quads. So there are `8 + 4 g` extraordinary vertices.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -18,7 +18,8 @@
 //! Not guaranteed: quads that are about square. Long thin parts away from both ends have few, long ones.
 //!
 //! # References
-//! Dong, Kircher, Garland, *Harmonic functions for quadrilateral remeshing of arbitrary manifolds*, CAGD 2005.
+//! Dong, Kircher, Garland, *Harmonic functions for quadrilateral remeshing of arbitrary manifolds*, CAGD
+//! 2005.
 
 mod contours;
 mod relaxation;

@@ -71,7 +71,7 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
     }
     let global =
         // The job asks for snapshots if it writes an animation.
-        GlobalOptions { ground, align: args.align, symmetry: args.symmetry, fill_gaps, ..GlobalOptions::default() };
+        GlobalOptions { ground, align: args.align, symmetry: args.symmetry, fill_gaps, ..Default::default() };
     match args.motion {
         Some(MotionName::Rigid) if is_patch => Err(Error::unsupported(
             "--motion rigid registers each scan to the surface of the first and requires its full \

@@ -127,7 +127,8 @@ impl Hierarchy {
         None
     }
 
-    /// The leaf of a level at an extraordinary vertex that contains `(u, v)`, and the local coordinates there.
+    /// The leaf of a level at an extraordinary vertex that contains `(u, v)`, and the local coordinates
+    /// there.
     pub(super) fn piece_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
         let scale = (1_u64 << level) as f64;
         let [columns, rows] = grid(self.base, level);

@@ -6,8 +6,8 @@
 //!
 //! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two
 //! halves, a torus in four quarters); a large one in a face for each cell of the base grid, each at its own
-//! finest level. Neighbours share edges, whose curves come from the finer side. A surface over quads has a face
-//! for each of them.
+//! finest level. Neighbours share edges, whose curves come from the finer side. A surface over quads has a
+//! face for each of them.
 //!
 //! Not guaranteed: that faces do not cross each other where the surface folds.
 //!
@@ -38,7 +38,8 @@ impl Default for BrepOptions {
 /// The exact surface as B-spline faces; closed for a ball and a torus, and then with its faces turned
 /// outward.
 ///
-/// Several bodies are several closed sets of faces. A face's parameters are the surface's, in base-grid units. Cost: linear in the control points written.
+/// Several bodies are several closed sets of faces. A face's parameters are the surface's, in base-grid
+/// units. Cost: linear in the control points written.
 ///
 /// # Examples
 /// ```

@@ -122,7 +122,8 @@ pub struct GlobalOptions {
     /// [`Fit::formation`](super::Fit).
     pub snapshots: Option<usize>,
     /// Fit closed objects with handles, and several bodies, over a mesh of quads instead of refusing them
-    /// (default: no). Edges, thin parts and holes narrower than a twentieth of the object are not followed yet.
+    /// (default: no). Edges, thin parts and holes narrower than a twentieth of the object are not followed
+    /// yet.
     pub any_topology: bool,
 }
 

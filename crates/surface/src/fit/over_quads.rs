@@ -1,7 +1,7 @@
 //! Starting surfaces of any topology, over a mesh of quads.
 //!
-//! Input: oriented points. Output: a surface on the level set of their indicator, if they enclose a solid with
-//! handles or several bodies.
+//! Input: oriented points. Output: a surface on the level set of their indicator, if they enclose a solid
+//! with handles or several bodies.
 //!
 //! Not guaranteed: details smaller than a grid cell of the indicator. The surface is near the points, and
 //! refinement follows them.

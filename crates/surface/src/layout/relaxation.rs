@@ -1,8 +1,8 @@
 //! Even quads: each pulls its corners towards the nearest square, and vertices move along the mesh.
 //!
 //! Squares of any size are allowed, so quads may be large in one place and small in another. Quads that are
-//! turned over are pulled apart, because a square keeps the orientation of the mesh. Means of neighbours, as in
-//! Laplacian smoothing, would instead move all vertices of a bent tube to its inner side.
+//! turned over are pulled apart, because a square keeps the orientation of the mesh. Means of neighbours,
+//! as in Laplacian smoothing, would instead move all vertices of a bent tube to its inner side.
 
 use planish_core::DVec3;
 use planish_core::vector3::tangents;

@@ -1,7 +1,8 @@
 //! Faces of a surface over quads: one for each.
 //!
-//! A face has the cells of the finest leaf of its quad. Inside of a quad with an extraordinary vertex, the surface
-//! has continuous derivatives only; there, knots are triple, so that each piece keeps its coefficients.
+//! A face has the cells of the finest leaf of its quad. Inside of a quad with an extraordinary vertex, the
+//! surface has continuous derivatives only; there, knots are triple, so that each piece keeps its
+//! coefficients.
 
 use super::{border_curve, clamp_ends, encloses_positive_volume};
 use planish_core::DVec3;
