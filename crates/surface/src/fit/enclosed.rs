@@ -13,8 +13,6 @@
 
 use super::indicator::{BlurredIndicator, Indicator, MIN_BLUR_CELLS};
 use planish_core::{DVec3, DisjointSets};
-use planish_estimate::Result;
-use planish_mesh::{TriangleMesh, isosurface};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -31,15 +29,17 @@ const STRAY_SLOPE: f64 = 0.3;
 /// What the readings enclose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct EnclosedTopology {
-    /// Separate solids, at least one.
+    /// Separate solids.
     pub bodies: usize,
     /// Handles of all bodies: one for each hole through them.
     pub handles: usize,
 }
 
 impl EnclosedTopology {
-    /// That of a ball.
-    pub(super) const BALL: Self = Self { bodies: 1, handles: 0 };
+    /// True if a ball can have it.
+    pub(super) fn is_ball(self) -> bool {
+        self.bodies <= 1 && self.handles == 0
+    }
 }
 
 /// The solid that points with outward normals enclose.
@@ -51,7 +51,8 @@ pub(super) struct EnclosedSolid {
     jump: f64,
     /// The smallest numbers of bodies and of handles over the levels.
     pub topology: EnclosedTopology,
-    at_levels: Vec<EnclosedTopology>,
+    /// The simplest topology of a level that a ball does not have; `topology` if there is none.
+    pub at_any_level: EnclosedTopology,
 }
 
 impl EnclosedSolid {
@@ -68,41 +69,10 @@ impl EnclosedSolid {
             bodies: at.iter().map(|found| found.bodies).min().unwrap_or(0),
             handles: at.iter().map(|found| found.handles).min().unwrap_or(0),
         };
+        let other = at.iter().copied().filter(|found| !found.is_ball());
+        let at_any_level = other.min_by_key(|found| found.bodies + found.handles).unwrap_or(topology);
         let jump = field.inside() - level;
-        Self { field, level, steepness, jump, topology, at_levels: at }
-    }
-
-    /// The simplest topology of a level that differs from that of a model; none if all levels agree with it.
-    pub(super) fn other_at_any_level(&self, model: EnclosedTopology) -> Option<EnclosedTopology> {
-        let other = self.at_levels.iter().copied().filter(|found| *found != model);
-        other.min_by_key(|found| found.bodies + found.handles)
-    }
-
-    /// The surface of the solid as a closed mesh, without small bodies and cavities.
-    ///
-    /// # Errors
-    /// `Unsupported` if it has too many cells.
-    pub(super) fn mesh(&self) -> Result<TriangleMesh> {
-        let height = |p: DVec3| self.level - self.field.sample(p).0;
-        let mesh = isosurface(&self.field.bounds(), self.field.cell(), height, |_, _| true)?;
-        let parts = mesh.parts();
-        let of_part = |part: u32| {
-            let own = mesh.triangles.iter().zip(&parts).filter(|(_, p)| **p == part);
-            let positions = mesh.positions.clone();
-            TriangleMesh { positions, triangles: own.map(|(t, _)| *t).collect() }
-        };
-        let count = parts.iter().max().map_or(0, |last| last + 1);
-        let volumes: Vec<f64> = (0..count).map(|part| of_part(part).signed_volume().unwrap_or(0.0)).collect();
-        let all: f64 = volumes.iter().map(|v| v.max(0.0)).sum();
-        let is_body = |part: u32| volumes[part as usize] >= MIN_BODY * all;
-        let kept = mesh.triangles.iter().zip(&parts).filter(|(_, part)| is_body(**part));
-        let triangles: Vec<[u32; 3]> = kept.map(|(triangle, _)| *triangle).collect();
-        let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
-        used.sort_unstable();
-        used.dedup();
-        let number = |v: u32| used.partition_point(|&u| u < v) as u32;
-        let positions = used.iter().map(|&v| mesh.positions[v as usize]).collect();
-        TriangleMesh::try_new(positions, triangles.iter().map(|t| t.map(number)).collect())
+        Self { field, level, steepness, jump, topology, at_any_level }
     }
 
     /// True if a point is far from the surface of the solid, inside or outside: a film across a hole, or two
@@ -129,7 +99,7 @@ fn topology(field: &BlurredIndicator, level: f64) -> EnclosedTopology {
     let bodies = keep_large_bodies(&mut inside, n);
     let cavities = components(&inside, n, false).len().saturating_sub(1);
     let handles = (bodies + cavities) as i64 - euler_characteristic(&inside, n);
-    EnclosedTopology { bodies: bodies.max(1), handles: handles.max(0) as usize }
+    EnclosedTopology { bodies, handles: handles.max(0) as usize }
 }
 
 /// Removes small bodies, and returns the number of those that are left.

@@ -66,13 +66,14 @@ pub(super) fn first_surface(
     // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
-    if base.shape == Shape::Ball && options.shape.is_none() && options.any_topology() {
+    let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals);
+    if is_grown && options.shape.is_none() && options.any_topology() {
         progress.check("topology", 0.04)?;
         if let Some(surface) = surface_over_quads(&points, &normals, size / READINGS_PER_QUAD)? {
             return Ok(surface);
         }
     }
-    if base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals) {
+    if is_grown {
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
         // The area of a sphere with the mean squared half axis: rough, but a level changes the number of

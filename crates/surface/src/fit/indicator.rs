@@ -22,7 +22,7 @@ use std::f64::consts::TAU;
 
 /// Grid cells along each side: 2⁵ · 3, which is fast to transform. A complex grid takes 14 MB; a finer one
 /// would find thinner parts at eight times the cost for each doubling.
-const CELLS: usize = 96;
+pub(super) const CELLS: usize = 96;
 /// Side of the grid over that of the points, so that periodic images do not touch.
 const PADDING: f64 = 1.6;
 /// Weakest blur that the full grid can represent, in its cells.
@@ -58,25 +58,33 @@ struct Grid {
 impl Indicator {
     /// The indicator of oriented points; those with zero normals do not count.
     pub(super) fn new(points: &[DVec3], normals: &[DVec3]) -> Self {
-        let (lo, hi) = (points.iter()).fold((DVec3::MAX, DVec3::MIN), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
-        let side = PADDING * (hi - lo).max_element().max(0.0);
-        let grid = Grid {
-            origin: 0.5 * (lo + hi) - DVec3::splat(0.5 * side),
-            cell: side / CELLS as f64,
-            cells: CELLS,
-        };
-        let mut counts = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
+        Self::on_grid(points, normals, CELLS)
+    }
+
+    /// Side of the grid around points.
+    pub(super) fn grid_side(points: &[DVec3]) -> f64 {
+        let (lo, hi) = bounds_of(points);
+        PADDING * (hi - lo).max_element().max(0.0)
+    }
+
+    /// The indicator on a grid with a given number of cells along each side, which has to be even.
+    pub(super) fn on_grid(points: &[DVec3], normals: &[DVec3], cells: usize) -> Self {
+        let (lo, hi) = bounds_of(points);
+        let side = Self::grid_side(points);
+        let grid =
+            Grid { origin: 0.5 * (lo + hi) - DVec3::splat(0.5 * side), cell: side / cells as f64, cells };
+        let mut counts = vec![Complex::new(0.0, 0.0); cells.pow(3)];
         for p in points {
             // One thread adds all points: the order of additions decides the last digits.
             grid.splat(*p, |index, w| counts[index].re += w);
         }
-        transform(&mut counts, CELLS, FftDirection::Forward);
-        blur(&mut counts, CELLS, DENSITY_BLUR);
-        transform(&mut counts, CELLS, FftDirection::Inverse);
+        transform(&mut counts, cells, FftDirection::Forward);
+        blur(&mut counts, cells, DENSITY_BLUR);
+        transform(&mut counts, cells, FftDirection::Inverse);
         let density =
             BlurredIndicator { grid, values: counts.iter().map(|c| c.re / counts.len() as f64).collect() };
         // Two real fields share one complex transform; the third has its own.
-        let mut xy = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
+        let mut xy = vec![Complex::new(0.0, 0.0); cells.pow(3)];
         let mut z = xy.clone();
         for (p, n) in points.iter().zip(normals) {
             let local_density = density.sample(*p).0;
@@ -91,19 +99,19 @@ impl Indicator {
                 z[index].re += w * a[2];
             });
         }
-        transform(&mut xy, CELLS, FftDirection::Forward);
-        transform(&mut z, CELLS, FftDirection::Forward);
-        let spectrum = (0..CELLS.pow(3))
+        transform(&mut xy, cells, FftDirection::Forward);
+        transform(&mut z, cells, FftDirection::Forward);
+        let spectrum = (0..cells.pow(3))
             .into_par_iter()
             .map(|index| {
-                let k = wave(index, CELLS);
+                let k = wave(index, cells);
                 let k2 = k.length_squared();
                 // The mean of χ is arbitrary, because its level is the median at the points.
                 if k2 == 0.0 {
                     return Complex::new(0.0, 0.0);
                 }
                 // Apart again: x̂ = (F(k) + F̄(−k))/2, ŷ = (F(k) − F̄(−k))/2i.
-                let (f, g) = (xy[index], xy[mirrored(index)].conj());
+                let (f, g) = (xy[index], xy[mirrored(index, cells)].conj());
                 let x = (f + g) * 0.5;
                 let y = (f - g) * Complex::new(0.0, -0.5);
                 (x * k[0] + y * k[1] + z[index] * k[2]) * Complex::new(0.0, 1.0 / k2)
@@ -126,13 +134,13 @@ impl Indicator {
             grid.cell *= 2.0;
         }
         // A coarser grid contains the low frequencies only; the blur removes the others.
-        let n = grid.cells;
+        let (n, all) = (grid.cells, self.grid.cells);
         let mut waves: Vec<Complex<f64>> = (0..n.pow(3))
             .into_par_iter()
             .with_min_len(4096)
             .map(|index| {
-                let [a, b, c] = split(index, n).map(|m| if m > n / 2 { m + CELLS - n } else { m });
-                self.spectrum[(c * CELLS + b) * CELLS + a]
+                let [a, b, c] = split(index, n).map(|m| if m > n / 2 { m + all - n } else { m });
+                self.spectrum[(c * all + b) * all + a]
             })
             .collect();
         blur(&mut waves, n, sigma / grid.cell);
@@ -178,6 +186,15 @@ impl BlurredIndicator {
         let margin = DVec3::splat(0.1 * side);
         let min = self.grid.origin + margin;
         BoundingBox { min, max: self.grid.origin + DVec3::splat(side) - margin }
+    }
+
+    /// A bound of the slope everywhere.
+    pub(super) fn largest_slope(&self) -> f64 {
+        let n = self.grid.cells;
+        let along = |step: usize| {
+            (self.values.iter().zip(&self.values[step..])).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        };
+        [1, n, n * n].map(along).iter().map(|d| d * d).sum::<f64>().sqrt() / self.grid.cell
     }
 
     /// Median slope of the indicator at the points.
@@ -231,6 +248,11 @@ impl Grid {
     }
 }
 
+/// The smallest and largest coordinates of points.
+fn bounds_of(points: &[DVec3]) -> (DVec3, DVec3) {
+    points.iter().fold((DVec3::MAX, DVec3::MIN), |(lo, hi), p| (lo.min(*p), hi.max(*p)))
+}
+
 /// Position along each axis of a point of a grid of `n` points a side.
 fn split(index: usize, n: usize) -> [usize; 3] {
     [index % n, index / n % n, index / n / n]
@@ -246,9 +268,9 @@ fn wave(index: usize, n: usize) -> DVec3 {
 }
 
 /// Spectral index of the opposite wave vector.
-fn mirrored(index: usize) -> usize {
-    let m = split(index, CELLS).map(|m| (CELLS - m) % CELLS);
-    (m[2] * CELLS + m[1]) * CELLS + m[0]
+fn mirrored(index: usize, cells: usize) -> usize {
+    let m = split(index, cells).map(|m| (cells - m) % cells);
+    (m[2] * cells + m[1]) * cells + m[0]
 }
 
 /// Multiplies a spectrum by that of a Gaussian, whose σ is in grid cells.

@@ -1,36 +1,111 @@
 //! Starting surfaces of any topology, over a mesh of quads.
 //!
-//! Input: oriented points. Output: a surface on the level set of their indicator, if they enclose a solid
-//! with handles or several bodies.
+//! Input: oriented points. Output: a surface on the level set of their indicator, if they enclose a solid with
+//! handles or several bodies.
+//!
+//! Strong blur closes holes and joins bodies, weak blur makes handles of noise. The topology that stays the same
+//! from one blur to the next is taken, that of the weakest blur first.
 //!
 //! Not guaranteed: details smaller than a grid cell of the indicator. The surface is near the points, and
 //! refinement follows them.
 
-use super::enclosed::{EnclosedSolid, EnclosedTopology};
+use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
 use crate::layout::Layout;
 use planish_core::DVec3;
-use planish_estimate::Result;
+use planish_estimate::{Error, Result};
+use planish_mesh::{TriangleMesh, isosurface};
+use planish_sense::Neighbourhoods;
 use planish_spline::{Hierarchy, Surface};
 use std::sync::Arc;
 
+/// Most grid cells along each side. A complex grid then takes 113 MB.
+const MAX_CELLS: usize = 192;
+/// Steps of the number of cells, which are fast to transform.
+const CELL_STEP: usize = 32;
+/// Neighbours of which the spacing of a point is the distance.
+const NEIGHBOURS: usize = 6;
+/// Blurs, in units of the weakest that the grid can represent.
+const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
+/// Smallest body, as a share of the volume of all.
+const MIN_BODY: f64 = 0.01;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
 /// A surface around the solid that points with outward normals enclose; none if a ball has its topology.
 ///
 /// # Errors
-/// As for [`Layout::on_mesh`].
+/// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur.
 pub(super) fn surface_over_quads(
     points: &[DVec3],
     normals: &[DVec3],
     max_quads: usize,
 ) -> Result<Option<Surface>> {
-    let solid = EnclosedSolid::new(points, normals);
-    if solid.topology == EnclosedTopology::BALL {
-        return Ok(None);
+    let indicator = Indicator::on_grid(points, normals, grid_cells(points)?);
+    let mut before: Option<TriangleMesh> = None;
+    for blur in BLURS {
+        let field = indicator.blurred(MIN_BLUR_CELLS * blur * indicator.cell());
+        let mesh = level_set(&field, field.level(points))?;
+        let [own, last] = [Some(&mesh), before.as_ref()].map(|mesh| mesh.map(bodies_and_handles));
+        if own == last {
+            // The weaker blur has more detail.
+            let mesh = before.unwrap_or(mesh);
+            return match own {
+                Some((1, 0)) => Ok(None),
+                _ => interpolating(Layout::on_mesh(&mesh, max_quads)?).map(Some),
+            };
+        }
+        before = Some(mesh);
     }
-    let layout = Layout::on_mesh(&solid.mesh()?, max_quads)?;
-    interpolating(layout).map(Some)
+    Err(Error::undetermined(
+        "the number of bodies and handles of the object depends on how strongly its readings are smoothed: \
+         they are too few or too noisy to show it",
+    ))
+}
+
+/// Grid cells along each side: about one for the median spacing of points.
+fn grid_cells(points: &[DVec3]) -> Result<usize> {
+    let near = Neighbourhoods::new(points, NEIGHBOURS)?;
+    let mut spacings: Vec<f64> = (0..points.len()).map(|i| near.spacing(i)).collect();
+    let middle = spacings.len() / 2;
+    let spacing = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let cells = Indicator::grid_side(points) / spacing.max(f64::MIN_POSITIVE);
+    Ok(((cells / CELL_STEP as f64) as usize * CELL_STEP).clamp(CELLS, MAX_CELLS))
+}
+
+fn bodies_and_handles(mesh: &TriangleMesh) -> (usize, usize) {
+    let check = mesh.check();
+    let handles = (2 * check.components as i64 - check.euler_characteristic) / 2;
+    (check.components, handles.max(0) as usize)
+}
+
+/// The closed surface on which an indicator has a level, without cavities and small bodies.
+fn level_set(field: &BlurredIndicator, level: f64) -> Result<TriangleMesh> {
+    let height = |p: DVec3| level - field.sample(p).0;
+    let slope = field.largest_slope();
+    let near = |p: DVec3, reach: f64| height(p).abs() <= slope * reach;
+    let mesh = isosurface(&field.bounds(), field.cell(), height, near)?;
+    let parts = mesh.parts();
+    let mut volumes = vec![0.0; parts.iter().max().map_or(0, |last| *last as usize + 1)];
+    for (index, &part) in parts.iter().enumerate() {
+        let [a, b, c] = mesh.corners(index);
+        volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
+    }
+    let all: f64 = volumes.iter().map(|v| v.max(0.0)).sum();
+    let kept =
+        mesh.triangles.iter().zip(&parts).filter(|(_, part)| volumes[**part as usize] >= MIN_BODY * all);
+    let mut number = vec![u32::MAX; mesh.positions.len()];
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (triangle, _) in kept {
+        triangles.push(triangle.map(|v| {
+            let own = &mut number[v as usize];
+            if *own == u32::MAX {
+                *own = positions.len() as u32;
+                positions.push(mesh.positions[v as usize]);
+            }
+            *own
+        }));
+    }
+    TriangleMesh::try_new(positions, triangles)
 }
 
 /// The surface over a layout that passes through the positions of its vertices.

@@ -162,19 +162,14 @@ pub(super) fn judge_surface(
         }
     }
     let misfit = surface_misfit(readings, input.gate, input.origin)?;
-    let own = topology_of(surface.space());
-    let solid = own.and_then(|own| solid_of(readings.observations).map(|solid| (own, solid)));
+    let solid = (shape == Some(Shape::Ball)).then(|| solid_of(readings.observations)).flatten();
     // Thin parts vanish at some levels of the indicator, and noise makes small handles at others. Where the
     // surface leaves the solid as well, a single level is evidence.
-    let at_any_level = solid.as_ref().and_then(|(own, solid)| solid.other_at_any_level(*own));
-    let stray = (solid.as_ref())
-        .filter(|_| at_any_level.is_some())
-        .map_or(0.0, |(_, solid)| stray_share(surface, solid));
-    let agrees = solid.as_ref().is_none_or(|(own, solid)| solid.topology == *own);
-    let other = match stray > MAX_STRAY {
-        true => at_any_level,
-        false => solid.as_ref().filter(|_| !agrees).map(|(_, solid)| solid.topology),
-    };
+    let stray =
+        solid.as_ref().filter(|solid| !solid.at_any_level.is_ball()).map_or(0.0, |s| stray_share(surface, s));
+    let other = (solid.as_ref())
+        .map(|solid| if stray > MAX_STRAY { solid.at_any_level } else { solid.topology })
+        .filter(|topology| !topology.is_ball());
     if misfit.places.is_empty() && stray <= MAX_STRAY {
         return Ok(Verdict { misfit, ..Verdict::default() });
     }
@@ -193,7 +188,7 @@ pub(super) fn judge_surface(
         },
     );
     let mut text = format!("{place}: {}", reason(shape, other, input.several_scans));
-    if other.is_some() && agrees {
+    if other.is_some() && solid.is_some_and(|solid| solid.topology.is_ball()) {
         text += "; that depends on where exactly the border of the solid is drawn, so the readings may also \
                  be too few to show its shape";
     }
@@ -407,10 +402,6 @@ fn stray_share(surface: &Surface, solid: &EnclosedSolid) -> f64 {
 fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scans: bool) -> String {
     let noun = shape.map_or("surface", Shape::name);
     match enclosed {
-        Some(EnclosedTopology { bodies, handles }) if shape.is_none() => format!(
-            "the readings show {bodies} bodies with {handles} handles or holes through them, which this \
-             surface does not have"
-        ),
         Some(EnclosedTopology { bodies, .. }) if bodies > 1 => {
             format!("the readings show {bodies} separate bodies, and a {} is one: fit each body alone", noun)
         }
@@ -435,15 +426,6 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
 /// A share as a percentage with two digits.
 fn percent(share: f64) -> String {
     format!("{} %", significant(100.0 * share, 2))
-}
-
-/// The topology of a closed model that has as many handles as it may need; none of other shapes.
-fn topology_of(space: &Hierarchy) -> Option<EnclosedTopology> {
-    match space.domain() {
-        None => (space.shape() == Some(Shape::Ball)).then_some(EnclosedTopology::BALL),
-        Some(domain) => (domain.borders() == 0)
-            .then(|| EnclosedTopology { bodies: domain.components(), handles: domain.genus() }),
-    }
 }
 
 /// The solid that the readings on a surface enclose; none if they are too few to show one.

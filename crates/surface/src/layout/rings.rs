@@ -255,7 +255,7 @@ impl Along {
         let ranks = contours.ranks(arc);
         let last_rank = contours.arcs[arc].ends[1];
         let vertices = &contours.arcs[arc].vertices;
-        let count = ranks.len().min(LENGTH_SAMPLES).max(1);
+        let count = ranks.len().clamp(1, LENGTH_SAMPLES);
         let indices: Vec<usize> = (0..=count).map(|k| k * ranks.len() / count).collect();
         let girth = |index: usize| {
             let rank = ranks.get(index).copied().unwrap_or(last_rank);
