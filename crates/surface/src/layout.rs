@@ -71,7 +71,7 @@ impl Layout {
         let parts = mesh.parts();
         let (mut quads, mut positions) = (Vec::new(), Vec::new());
         for part in 0..check.components as u32 {
-            let own = part_of(mesh, &parts, part)?;
+            let own = mesh_of(mesh, |index| parts[index] == part)?;
             let made = (0..ATTEMPTS).find_map(|attempt| Contours::of_harmonic(&own, attempt).transpose());
             let contours = made.transpose()?.ok_or_else(|| {
                 Error::undetermined("no function with simple saddles was found on the surface")
@@ -106,13 +106,12 @@ impl Layout {
     }
 }
 
-/// One component of a mesh.
-fn part_of(mesh: &TriangleMesh, parts: &[u32], part: u32) -> Result<TriangleMesh> {
+/// The mesh of some triangles, chosen by their numbers, without the vertices of others.
+pub(crate) fn mesh_of(mesh: &TriangleMesh, is_chosen: impl Fn(usize) -> bool) -> Result<TriangleMesh> {
     let mut number = vec![u32::MAX; mesh.positions.len()];
-    let mut positions = Vec::new();
-    let mut triangles = Vec::new();
-    for (triangle, _) in mesh.triangles.iter().zip(parts).filter(|(_, own)| **own == part) {
-        triangles.push(triangle.map(|v| {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for index in (0..mesh.triangles.len()).filter(|&index| is_chosen(index)) {
+        triangles.push(mesh.triangles[index].map(|v| {
             let own = &mut number[v as usize];
             if *own == u32::MAX {
                 *own = positions.len() as u32;

@@ -10,7 +10,7 @@
 //! refinement follows them.
 
 use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
-use crate::layout::Layout;
+use crate::layout::{Layout, mesh_of};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{TriangleMesh, isosurface};
@@ -91,21 +91,7 @@ fn level_set(field: &BlurredIndicator, level: f64) -> Result<TriangleMesh> {
         volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
     }
     let all: f64 = volumes.iter().map(|v| v.max(0.0)).sum();
-    let kept =
-        mesh.triangles.iter().zip(&parts).filter(|(_, part)| volumes[**part as usize] >= MIN_BODY * all);
-    let mut number = vec![u32::MAX; mesh.positions.len()];
-    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
-    for (triangle, _) in kept {
-        triangles.push(triangle.map(|v| {
-            let own = &mut number[v as usize];
-            if *own == u32::MAX {
-                *own = positions.len() as u32;
-                positions.push(mesh.positions[v as usize]);
-            }
-            *own
-        }));
-    }
-    TriangleMesh::try_new(positions, triangles)
+    mesh_of(&mesh, |index| volumes[parts[index] as usize] >= MIN_BODY * all)
 }
 
 /// The surface over a layout that passes through the positions of its vertices.

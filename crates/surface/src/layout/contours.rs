@@ -8,7 +8,7 @@ use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor,
 };
 use planish_estimate::{Error, Result};
-use planish_mesh::TriangleMesh;
+use planish_mesh::{Neighbours, TriangleMesh};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 use std::sync::Arc;
@@ -328,36 +328,27 @@ fn opposites(mesh: &TriangleMesh) -> Result<Vec<u32>> {
     (0..half_edges).map(opposite).collect()
 }
 
-/// Neighbours of each vertex.
-fn neighbours(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
-    let mut of_vertex = vec![Vec::new(); mesh.positions.len()];
-    for [a, b, c] in &mesh.triangles {
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            of_vertex[*from as usize].push(*to);
-        }
-    }
-    of_vertex
-}
-
 /// The two ends: a point that is far from a first one, and the farthest from that.
 fn far_points(mesh: &TriangleMesh, attempt: usize) -> [u32; 2] {
-    let neighbours = neighbours(mesh);
+    let neighbours = Neighbours::from_mesh(mesh);
     let farthest = |from: u32| {
         // Lengths along edges, by Dijkstra's method.
         let mut distance = vec![f64::INFINITY; mesh.positions.len()];
         distance[from as usize] = 0.0;
-        let mut heap = BinaryHeap::from([(Reverse(Ordered(0.0)), from)]);
+        // The bits of numbers that are not negative have the order of the numbers.
+        let mut heap = BinaryHeap::from([Reverse((0_u64, from))]);
         let mut last = from;
-        while let Some((Reverse(Ordered(d)), v)) = heap.pop() {
+        while let Some(Reverse((bits, v))) = heap.pop() {
+            let d = f64::from_bits(bits);
             if d > distance[v as usize] {
                 continue;
             }
             last = v;
-            for &w in &neighbours[v as usize] {
+            for &w in neighbours.of_vertex(v) {
                 let to = d + mesh.positions[v as usize].distance(mesh.positions[w as usize]);
                 if to < distance[w as usize] {
                     distance[w as usize] = to;
-                    heap.push((Reverse(Ordered(to)), w));
+                    heap.push(Reverse((to.to_bits(), w)));
                 }
             }
         }
@@ -365,20 +356,6 @@ fn far_points(mesh: &TriangleMesh, attempt: usize) -> [u32; 2] {
     };
     let first = farthest((attempt * mesh.positions.len() / super::ATTEMPTS) as u32);
     [first, farthest(first)]
-}
-
-#[derive(PartialEq)]
-struct Ordered(f64);
-impl Eq for Ordered {}
-impl PartialOrd for Ordered {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Ordered {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
-    }
 }
 
 /// The harmonic function that is 0 at the first end and 1 at the second one, by cotangent weights.
