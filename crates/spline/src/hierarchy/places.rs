@@ -42,8 +42,8 @@ impl Hierarchy {
         self.cell_at(0, u, v).unwrap_or_else(|| self.locate_below(u, v))
     }
 
-    /// The leaf below the base grid that contains `(u, v)`. Kept out of line, so that the common case of a
-    /// base cell stays small.
+    /// The leaf that contains `(u, v)`, below the base grid or at an extraordinary vertex. Kept out of line,
+    /// so that the common case of a base cell stays small.
     #[inline(never)]
     fn locate_below(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
         let mut level = 0;
