@@ -205,7 +205,9 @@ impl Hierarchy {
             Topology::Grid(shape) => {
                 Layout::new(*shape, self.base, self.split_with(marked)).hierarchy.node_count()
             }
-            Topology::Quads(_) => self.refine(marked).node_count(),
+            Topology::Quads(over) => {
+                Self::numbered_over(&over.domain, self.split_with(marked)).0.node_count()
+            }
         }
     }
 

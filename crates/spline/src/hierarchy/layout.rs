@@ -15,8 +15,9 @@ pub(super) struct Layout {
     pub(super) inside: Vec<Vec<bool>>,
 }
 
-impl Layout {
-    pub(super) fn new(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
+impl Hierarchy {
+    /// A hierarchy with these split cells, without functions and leaves.
+    pub(super) fn empty(topology: Topology, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
         // Exactly one level without split cells follows the last split one, so equal cells give equal
         // hierarchies.
         while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
@@ -25,6 +26,28 @@ impl Layout {
         if split[split.len() - 1].iter().any(|&s| s) {
             split.push(vec![false; grid(base, split.len()).iter().product()]);
         }
+        Self {
+            topology,
+            base,
+            leaf_number: split.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
+            leaves: Vec::new(),
+            functions: Vec::new(),
+            node_anchors: Vec::new(),
+            offsets: vec![0],
+            nodes: Vec::new(),
+            weights: Vec::new(),
+            sparse: OnceLock::new(),
+            poles: Vec::new(),
+            node_of_function: Vec::new(),
+            split,
+        }
+    }
+}
+
+impl Layout {
+    pub(super) fn new(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
+        let mut hierarchy = Hierarchy::empty(Topology::Grid(shape), base, split);
+        let split = &hierarchy.split;
         let levels = split.len();
         // A cell exists if its parent is split.
         let exists: Vec<Vec<bool>> = (0..levels)
@@ -38,21 +61,6 @@ impl Layout {
                     .collect()
             })
             .collect();
-        let mut hierarchy = Hierarchy {
-            topology: Topology::Grid(shape),
-            base,
-            leaf_number: exists.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
-            leaves: Vec::new(),
-            functions: Vec::new(),
-            node_anchors: Vec::new(),
-            offsets: vec![0],
-            nodes: Vec::new(),
-            weights: Vec::new(),
-            sparse: OnceLock::new(),
-            poles: Vec::new(),
-            node_of_function: Vec::new(),
-            split,
-        };
         let mut active: Vec<Vec<u32>> = Vec::with_capacity(levels);
         let mut inside: Vec<Vec<bool>> = Vec::with_capacity(levels);
         for level in 0..levels {

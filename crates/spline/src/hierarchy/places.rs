@@ -171,7 +171,7 @@ impl Hierarchy {
                 break;
             }
             match over.domain.across(quad, farthest as u32, place, 1.0) {
-                Some((next, moved)) if (next as usize) < self.base[0] => (quad, place) = (next, moved),
+                Some((next, moved, _)) if (next as usize) < self.base[0] => (quad, place) = (next, moved),
                 _ => place[1 - farthest % 2] = place[1 - farthest % 2].clamp(0.0, 1.0),
             }
         }
@@ -224,7 +224,7 @@ impl Hierarchy {
                     (to, along_u, false)
                 } else {
                     let middle = [to[0] - first, to[1]].map(|x| x as f64 + 0.5);
-                    let (next, at, of_next) = over.domain.across_to(quad, side, middle, n as f64)?;
+                    let (next, at, of_next) = over.domain.across(quad, side, middle, n as f64)?;
                     if next as usize >= self.base[0] {
                         return None;
                     }
@@ -273,7 +273,9 @@ impl Hierarchy {
         let end = in_quad(quad, [1.0, 0.0])[0];
         let touches = [at[0] <= f64::from(quad), at[0] >= end, at[1] <= 0.0, at[1] >= 1.0];
         let beyond = [3, 1, 0, 2].map(|side| over.domain.across(quad, side, [0.0; 2], 1.0));
-        std::array::from_fn(|k| touches[k] && beyond[k].is_none_or(|(next, _)| next as usize >= self.base[0]))
+        std::array::from_fn(|k| {
+            touches[k] && beyond[k].is_none_or(|(next, ..)| next as usize >= self.base[0])
+        })
     }
 }
 

@@ -10,13 +10,13 @@
 //! vertex are split together. Where they are, the surface changes slightly, since the finer space does not
 //! contain the coarser one there.
 
-use super::{Cell, Hierarchy, MAX_LEVEL, NOT_A_LEAF, Topology, grid, places::in_quad};
+use super::{Cell, Hierarchy, MAX_LEVEL, Topology, grid, places::in_quad};
 use crate::quad_domain::{
     Level, LevelCell, Neighbourhood, PIECES, QuadDomain, VERTICES_PER_CELL, leaf_weights_around, to_edge,
 };
 use planish_estimate::{Error, Result};
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Levels between a cell at an extraordinary vertex and its leaves.
 const PIECE_LEVELS: u8 = PIECES.trailing_zeros() as u8;
@@ -224,41 +224,24 @@ impl Hierarchy {
         self.quads().map(|over| &over.domain)
     }
 
-    pub(super) fn build_over(domain: Arc<QuadDomain>, mut split: Vec<Vec<bool>>) -> Self {
-        let base = [domain.cells().len(), 1];
-        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
-            split.pop();
-        }
-        if split[split.len() - 1].iter().any(|&s| s) {
-            split.push(vec![false; grid(base, split.len()).iter().product()]);
-        }
-        let mut made = Self {
-            topology: Topology::Quads(OverQuads::new(&domain)),
-            base,
-            leaf_number: split.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
-            leaves: Vec::new(),
-            functions: Vec::new(),
-            node_anchors: Vec::new(),
-            offsets: vec![0],
-            nodes: Vec::new(),
-            weights: Vec::new(),
-            sparse: OnceLock::new(),
-            poles: Vec::new(),
-            node_of_function: Vec::new(),
-            split,
-        };
-        let mut over = OverQuads::new(&domain);
-        for level in 0..made.split.len() {
-            let nodes = made.number_vertices(&domain, level);
-            over.nodes.push(nodes);
-        }
+    /// The hierarchy with numbered nodes but without leaves, and the nodes of vertices.
+    pub(super) fn numbered_over(domain: &Arc<QuadDomain>, split: Vec<Vec<bool>>) -> (Self, OverQuads) {
+        let mut over = OverQuads::new(domain);
+        let mut made = Self::empty(Topology::Quads(over.clone()), [domain.cells().len(), 1], split);
+        over.nodes = (0..made.split.len()).map(|level| made.number_vertices(domain, level)).collect();
+        (made, over)
+    }
+
+    pub(super) fn build_over(domain: Arc<QuadDomain>, split: Vec<Vec<bool>>) -> Self {
+        let (mut made, mut over) = Self::numbered_over(&domain, split);
+        let quads = made.base[0] as u32;
         let mut walk = QuadWalk {
             levels: (0..made.split.len()).map(|level| Level::new(&domain, level)).collect(),
             coefficients: Coefficients::new(&over),
             first_piece: HashMap::new(),
             hierarchy: &mut made,
         };
-        (0..base[0] as u32).for_each(|i| walk.descend(Cell { level: 0, i, j: 0 }));
+        (0..quads).for_each(|i| walk.descend(Cell { level: 0, i, j: 0 }));
         over.first_piece = walk.first_piece;
         made.topology = Topology::Quads(over);
         made

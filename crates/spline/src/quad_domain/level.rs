@@ -95,7 +95,7 @@ impl<'a> Level<'a> {
                 [_, y] if y > self.n => 2,
                 _ => break,
             };
-            (quad, at) = self.domain.across(quad, side, at, self.n)?;
+            (quad, at, _) = self.domain.across(quad, side, at, self.n)?;
         }
         Some(self.number(quad, at))
     }
@@ -286,20 +286,9 @@ impl<'a> Level<'a> {
 }
 
 impl QuadDomain {
-    /// A place of a quad of side `last` in the frame of the quad across one of its sides, with that quad.
-    /// `None` at a border.
+    /// A place of a quad of side `last` in the frame of the quad across one of its sides, with that quad and
+    /// its own side there. `None` at a border.
     pub(crate) fn across<T: Copy + std::ops::Sub<Output = T> + Default>(
-        &self,
-        quad: u32,
-        side: u32,
-        at: [T; 2],
-        last: T,
-    ) -> Option<(u32, [T; 2])> {
-        self.across_to(quad, side, at, last).map(|(next, at, _)| (next, at))
-    }
-
-    /// As [`QuadDomain::across`], with the side of the other quad.
-    pub(crate) fn across_to<T: Copy + std::ops::Sub<Output = T> + Default>(
         &self,
         quad: u32,
         side: u32,

@@ -147,8 +147,8 @@ impl Made<'_> {
 
     /// The quads of an arc, up to the given ring or to a cap.
     fn add_arc(&mut self, arc: usize, last: Option<End>) -> Result<()> {
+        let columns = self.columns(arc);
         let start = self.starts[arc].take();
-        let columns = start.as_ref().map_or(8 * self.cap, |start| start.ring.len());
         let total = self.along[arc].total();
         let side = self.along[arc].mean_length() / columns as f64;
         let radius = (CAP_RADIUS * self.cap as f64 * side).min(total / 3.0);

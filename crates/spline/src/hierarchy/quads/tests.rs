@@ -152,7 +152,7 @@ fn normals_are_continuous() {
                     let t = f64::from(step) / 32.0;
                     for side in 0..4 {
                         let place = on_side(0, side, t);
-                        let Some((next, to)) = domain.across(quad, side, place, 1.0) else { continue };
+                        let Some((next, to, _)) = domain.across(quad, side, place, 1.0) else { continue };
                         if (next as usize) < domain.cells().len() {
                             agree(in_quad(quad, place), in_quad(next, to.map(|x| x.clamp(0.0, 1.0))));
                         }
