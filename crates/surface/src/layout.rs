@@ -68,7 +68,7 @@ impl Layout {
         if !(check.watertight && check.manifold && check.oriented) {
             return Err(Error::input("a layout needs a closed manifold mesh with one orientation"));
         }
-        let parts = mesh.parts();
+        let (parts, area) = (mesh.parts(), mesh.area());
         let (mut quads, mut positions) = (Vec::new(), Vec::new());
         for part in 0..check.components as u32 {
             let own = mesh_of(mesh, |index| parts[index] == part)?;
@@ -76,11 +76,12 @@ impl Layout {
             let contours = made.transpose()?.ok_or_else(|| {
                 Error::undetermined("no function with simple saddles was found on the surface")
             })?;
-            let share = own.area() / mesh.area();
+            let most = own.area() / area * max_quads as f64;
+            let along = rings::lengths(&contours);
             let mut cap = FINEST_CAP;
             let (own_quads, mut own_positions) = loop {
-                let made = rings::quads_along(&contours, cap)?;
-                if cap == 1 || made.0.len() as f64 <= share * max_quads as f64 {
+                let made = rings::quads_along(&contours, &along, cap)?;
+                if cap == 1 || made.0.len() as f64 <= most {
                     break made;
                 }
                 cap -= 1;

@@ -13,13 +13,21 @@ const LENGTH_SAMPLES: usize = 48;
 /// Turns of a ring that are compared.
 const TURNS: usize = 64;
 
+/// Lengths along all arcs.
+pub(super) fn lengths(contours: &Contours) -> Vec<Along> {
+    (0..contours.arcs.len()).map(|arc| Along::new(contours, arc)).collect()
+}
+
 /// Quads over the whole mesh, and the positions of their vertices. There are `cap` edges from the middle of a
 /// cap to its sides, and as many from a saddle to the ends of the line along which its rings meet.
 ///
 /// # Errors
 /// `Undetermined` if contours do not meet at a saddle as they should.
-pub(super) fn quads_along(contours: &Contours, cap: usize) -> Result<(Vec<[u32; 4]>, Vec<DVec3>)> {
-    let along = (0..contours.arcs.len()).map(|arc| Along::new(contours, arc)).collect();
+pub(super) fn quads_along(
+    contours: &Contours,
+    along: &[Along],
+    cap: usize,
+) -> Result<(Vec<[u32; 4]>, Vec<DVec3>)> {
     let starts = vec![None; contours.arcs.len()];
     let mut made = Made { contours, cap, along, positions: Vec::new(), quads: Vec::new(), starts };
     for (rank, critical) in &contours.critical {
@@ -69,7 +77,7 @@ struct Made<'a> {
     contours: &'a Contours<'a>,
     cap: usize,
     /// Lengths along each arc.
-    along: Vec<Along>,
+    along: &'a [Along],
     positions: Vec<DVec3>,
     quads: Vec<[u32; 4]>,
     /// The first ring of each arc that begins at a saddle.
@@ -242,7 +250,7 @@ impl Made<'_> {
 }
 
 /// Lengths along an arc, from areas and lengths of contours.
-struct Along {
+pub(super) struct Along {
     ranks: Vec<usize>,
     last_rank: usize,
     /// Number of vertices of the arc below each sample, and the length up to it.
