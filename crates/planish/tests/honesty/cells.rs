@@ -74,7 +74,7 @@ impl Cell {
     pub fn reasons(&self) -> &'static [&'static str] {
         match self.condition {
             Condition::UniformOutliers(30..) | Condition::OneSidedOutliers(_) => {
-                &["outlier", "rejected", "far from", "agree"]
+                &["outlier", "gross error", "rejected", "far from", "agree"]
             }
             Condition::HalfFlippedNormals | Condition::RandomNormals => &["normal"],
             Condition::NineDecades => &["decades"],

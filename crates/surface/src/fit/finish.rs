@@ -418,7 +418,7 @@ impl Finishing<'_> {
         }
         // A user who asks for an estimate knows that the statement may be wrong.
         if !self.options.force && !self.options.noise_rules().may_lower {
-            refuse_far_larger_noise(self.set, self.observations, noise)?;
+            refuse_far_larger_noise(self.set, self.readings(), noise)?;
         }
         judge_surface(surface, self.readings(), self.verdict_input())
     }

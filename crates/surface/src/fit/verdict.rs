@@ -30,11 +30,16 @@ const LAYERS_APART: f64 = 2.0;
 /// the surface runs between two layers. Of normal errors 13 % are so near, of uniform ones 12 %.
 const NEAR_SHARE: f64 = 0.25;
 const MAX_NEAR: f64 = 0.04;
-/// Fewer readings do not show that no reading is near the surface.
+/// Fewer readings do not show how their residuals are distributed.
 const MIN_FOR_LAYERS: usize = 100;
 /// Scatter of the readings over their stated σ above which the statement is no measure of their errors. Data
 /// sheets are wrong by factors of two or three.
 const MAX_UNDERSTATEMENT: f64 = 10.0;
+/// The same limit beside gross errors, and the share of readings on no surface that shows those.
+const MAX_UNDERSTATEMENT_BESIDE_GROSS_ERRORS: f64 = 4.0;
+const OFF_SURFACE_BESIDE_GROSS_ERRORS: f64 = 0.05;
+/// Scale of residuals by their median, over that by their squares, below which they are a peak on a base.
+const PEAKED: f64 = 0.72;
 /// Places that a report lists.
 const MAX_PLACES: usize = 20;
 /// Readings from which the enclosed solid is found.
@@ -208,34 +213,56 @@ pub(super) fn judge_surface(
 /// Refuses readings that scatter many times as much as their sensor states: the statement then is no measure
 /// of their errors, and an estimate would hide why.
 ///
+/// Gross errors that the surface follows look like noise, too. Beside many readings on no surface, or if the
+/// residuals are a narrow peak on a broad base, a smaller ratio is refused.
+///
 /// # Errors
 /// `Undetermined` for the first such sensor.
 pub(super) fn refuse_far_larger_noise(
     set: &ScanSet,
-    observations: &Observations,
+    readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
 ) -> Result<()> {
-    let of_channels = observations.channels.iter().zip(&noise.variance_factors).zip(&noise.is_contradicted);
-    for ((channel, factor), _) in of_channels.filter(|(_, is_contradicted)| **is_contradicted) {
-        let ratio = factor.sqrt();
-        if channel.quantity == Quantity::Position && ratio > MAX_UNDERSTATEMENT {
-            let off = off_surface_share(observations);
-            let gross = if off > MANY_OFF_SURFACE {
-                format!("{} of them agree with none of their neighbours, as gross errors do, ", percent(off))
-            } else {
-                String::new()
-            };
-            return Err(Error::undetermined(format!(
-                "the readings of sensor {:?} scatter {} times as much about each other as the σ that it \
-                 states: {gross}they lie in two layers, come from several objects, or σ is in another unit; \
-                 omit σ or state a larger one if they are so noisy",
-                set.sensors[channel.sensor].name,
-                significant(ratio, 2)
-            ))
-            .with_setting(Setting::Force));
+    let off = off_surface_share(readings.observations);
+    for (c, channel) in readings.observations.channels.iter().enumerate() {
+        let ratio = noise.variance_factors[c].sqrt();
+        let is_suspect = noise.is_contradicted[c]
+            && channel.quantity == Quantity::Position
+            && ratio > MAX_UNDERSTATEMENT_BESIDE_GROSS_ERRORS;
+        if !is_suspect {
+            continue;
         }
+        let gross = if off > OFF_SURFACE_BESIDE_GROSS_ERRORS {
+            format!("{} of them agree with none of their neighbours, as gross errors do, ", percent(off))
+        } else if is_peaked(readings, c)? {
+            "many of them are gross errors, between others that scatter less, ".to_owned()
+        } else if ratio > MAX_UNDERSTATEMENT {
+            String::new()
+        } else {
+            continue;
+        };
+        return Err(Error::undetermined(format!(
+            "the readings of sensor {:?} scatter {} times as much about each other as the σ that it states: \
+             {gross}they lie in two layers, come from several objects, or σ is in another unit; omit σ or \
+             state a larger one if they are so noisy",
+            set.sensors[channel.sensor].name,
+            significant(ratio, 2)
+        ))
+        .with_setting(Setting::Force));
     }
     Ok(())
+}
+
+/// True if the residuals of a channel are a narrow peak on a broad base: by their median they scatter far
+/// less than by their squares. Normal errors have a ratio of 1, exponential ones on both sides 0.73.
+fn is_peaked(readings: ProjectedReadings<'_>, channel: usize) -> Result<bool> {
+    let own = measured_positions(readings).filter(|(k, _, _)| readings.channel(*k) == channel);
+    let heights: Vec<f64> = own.map(|(_, _, foot)| foot.height() / foot.variance.sqrt()).collect();
+    if heights.len() < MIN_FOR_LAYERS {
+        return Ok(false);
+    }
+    let square = heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64;
+    Ok(median_magnitude_scale(&heights)? < PEAKED * square.sqrt())
 }
 
 /// Share of the readings on a surface that lie where the fitted one misses most of those around, by the σ of
