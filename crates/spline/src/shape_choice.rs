@@ -46,12 +46,15 @@ const NEARLY_ROUND: f64 = 1.3;
 const HOLE_OF_TORUS: f64 = 0.1;
 const MIN_AT_AXIS: usize = 3;
 const MAX_AT_AXIS: f64 = 0.002;
+/// Share of the points at each end that the bounds of a torus leave out.
+const BEYOND_BOUNDS: f64 = 0.005;
 
 /// Chooses and fits a base shape to points with optional outward unit normals.
 ///
 /// If all normals face one side, the cloud is a sheet. If they are nearly perpendicular to an axis, and
 /// neither end narrows to a tip, or if the points lie on an open cylinder, it is a tube. Otherwise it is a
-/// ball. `wanted` overrides the choice. The shape encloses all points.
+/// ball. `wanted` overrides the choice. The shape encloses all points, but a torus
+/// leaves out half a percent at each end.
 ///
 /// # Errors
 /// `Undetermined` for fewer than 4 points, coincident or collinear points, and coplanar points if `wanted` is
@@ -129,16 +132,15 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
         }
         Shape::Torus => {
             let axis = axes[2];
-            let centre = (0..3).fold(DVec3::ZERO, |c, d| {
-                let (lo, hi) = bounds3(points, axes);
-                c + 0.5 * (lo[d] + hi[d]) * axes[d]
+            let centre = axes.iter().fold(DVec3::ZERO, |c, e| {
+                let [lo, hi] = bounds_of_most(points.iter().map(|p| p.dot(*e)).collect());
+                c + 0.5 * (lo + hi) * *e
             });
             let from_axis = |p: &DVec3| {
                 let d = *p - centre;
                 (d - d.dot(axis) * axis).length()
             };
-            let (near, far) =
-                points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
+            let [near, far] = bounds_of_most(points.iter().map(from_axis).collect());
             let filled = points.iter().filter(|p| from_axis(p) < HOLE_OF_TORUS * far).count();
             if filled >= MIN_AT_AXIS && filled as f64 > MAX_AT_AXIS * points.len() as f64 {
                 return Err(Error::undetermined(format!(
@@ -202,6 +204,14 @@ fn bounds(points: &[DVec3], directions: [DVec3; 2]) -> ([f64; 2], [f64; 2]) {
         let x = directions.map(|e| e.dot(*p));
         ([0, 1].map(|d| lo[d].min(x[d])), [0, 1].map(|d| hi[d].max(x[d])))
     })
+}
+
+/// Bounds of some numbers, without half a percent of them at each end: a single gross error would make the
+/// tube of a torus as thick as its ring.
+fn bounds_of_most(mut numbers: Vec<f64>) -> [f64; 2] {
+    numbers.sort_unstable_by(f64::total_cmp);
+    let beyond = (BEYOND_BOUNDS * numbers.len() as f64) as usize;
+    [numbers[beyond], numbers[numbers.len() - 1 - beyond]]
 }
 
 fn bounds3(points: &[DVec3], directions: [DVec3; 3]) -> ([f64; 3], [f64; 3]) {

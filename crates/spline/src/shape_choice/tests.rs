@@ -103,3 +103,17 @@ fn a_ball_is_no_torus() {
     let text = choose_base_shape(&points, &[], Some(Shape::Torus)).unwrap_err().to_string();
     assert!(text.contains("hole is empty"), "{text}");
 }
+
+#[test]
+fn a_gross_error_does_not_thicken_a_torus() {
+    let mut points: Vec<DVec3> = (0..3000)
+        .map(|k| {
+            let [a, b] = [2.399_963, 0.618_034].map(|step| f64::from(k) * step);
+            let (sin, cos) = b.sin_cos();
+            DVec3::new((20.0 + 6.0 * cos) * a.cos(), (20.0 + 6.0 * cos) * a.sin(), 6.0 * sin)
+        })
+        .collect();
+    points.extend([DVec3::new(1.0, 0.5, 2.0), DVec3::new(60.0, 0.0, 5.0)]);
+    let base = choose_base_shape(&points, &[], Some(Shape::Torus)).unwrap();
+    assert!((base.size[0] - 20.0).abs() < 0.2 && (base.size[2] - 6.0).abs() < 0.2, "{base:?}");
+}

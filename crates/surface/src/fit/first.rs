@@ -28,9 +28,6 @@ const BASE_CELLS: usize = 128;
 /// thousands of readings and too little for the test of residuals: 95 % intervals of tori covered 83 %. On
 /// sixteen it is `2e-5 r`. See decision 0096.
 const CELLS_AROUND: usize = 12;
-/// Readings for each quad of a surface of any topology, at least. With six, 95 % intervals of chains of rings
-/// covered 0.88 to 0.93.
-const READINGS_PER_QUAD: usize = 3;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
 /// With fewer readings on a surface, all readings choose the shape.
@@ -69,7 +66,7 @@ pub(super) fn first_surface(
     let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals);
     if is_grown && options.shape.is_none() && options.any_topology() {
         progress.check("topology", 0.04)?;
-        if let Some(surface) = surface_over_quads(&points, &normals, size / READINGS_PER_QUAD)? {
+        if let Some(surface) = surface_over_quads(&points, &normals, size)? {
             return Ok(surface);
         }
     }

@@ -24,21 +24,27 @@ const MAX_CELLS: usize = 192;
 const CELL_STEP: usize = 32;
 /// Neighbours of which the spacing of a point is the distance.
 const NEIGHBOURS: usize = 6;
+/// Readings for each quad, at least. With six, 95 % intervals of chains of rings covered 0.88 to 0.93.
+const READINGS_PER_QUAD: usize = 3;
 /// Blurs, in units of the weakest that the grid can represent.
 const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
 /// Smallest body, as a share of the volume of all.
 const MIN_BODY: f64 = 0.01;
+/// Divisions of the cells at extraordinary vertices, and readings of a quad that allow them.
+const VERTEX_DIVISIONS: usize = 2;
+const READINGS_TO_DIVIDE: usize = 16;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
-/// A surface around the solid that points with outward normals enclose; none if a ball has its topology.
+/// A surface around the solid that points with outward normals enclose; none if a ball has its topology. The
+/// points are a sample of `readings` of them.
 ///
 /// # Errors
 /// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur.
 pub(super) fn surface_over_quads(
     points: &[DVec3],
     normals: &[DVec3],
-    max_quads: usize,
+    readings: usize,
 ) -> Result<Option<Surface>> {
     let indicator = Indicator::on_grid(points, normals, grid_cells(points)?);
     let mut before: Option<TriangleMesh> = None;
@@ -51,7 +57,12 @@ pub(super) fn surface_over_quads(
             let mesh = before.unwrap_or(mesh);
             return match own {
                 Some((1, 0)) => Ok(None),
-                _ => interpolating(Layout::on_mesh(&mesh, max_quads)?).map(Some),
+                _ => {
+                    let layout = Layout::on_mesh(&mesh, readings / READINGS_PER_QUAD)?;
+                    let is_dense = readings >= READINGS_TO_DIVIDE * layout.domain.cells().len();
+                    let surface = interpolating(layout)?;
+                    Ok(Some(if is_dense { divided_at_vertices(surface)? } else { surface }))
+                }
             };
         }
         before = Some(mesh);
@@ -105,6 +116,21 @@ fn interpolating(layout: Layout) -> Result<Surface> {
         let moved = surface.vertices().iter().zip(space.node_anchors()).zip(&layout.positions);
         let vertices = moved.map(|((vertex, &[u, v]), wanted)| *vertex + *wanted - surface.point(u, v));
         surface = surface.with_vertices(vertices.collect())?;
+    }
+    Ok(surface)
+}
+
+/// The surface with the cells at extraordinary vertices divided.
+///
+/// The spline follows shape there with a lower order than elsewhere: on two rings of 60,000 readings, cells
+/// as large as the others missed the shape by σ, and 95 % intervals covered 0.72 to 0.75. Divided twice, they
+/// covered 0.93 (decision 0113).
+fn divided_at_vertices(mut surface: Surface) -> Result<Surface> {
+    for _ in 0..VERTEX_DIVISIONS {
+        let space = surface.space();
+        let at_vertex = |leaf: &usize| space.cell_of_leaf(*leaf) != space.leaves()[*leaf];
+        let marked: Vec<usize> = (0..space.leaves().len()).filter(at_vertex).collect();
+        surface = surface.refined(Arc::new(space.refine(&marked)))?;
     }
     Ok(surface)
 }

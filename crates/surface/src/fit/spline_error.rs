@@ -27,8 +27,9 @@ use super::leaves::{leaf_areas, neighbourhood};
 use crate::observe::{Foot, FootState, Quantity};
 use crate::subdivision::Cause;
 use planish_core::DVec3;
-use planish_spline::{Surface, leaf_weights};
+use planish_spline::{Hierarchy, Surface, leaf_weights};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 /// `√(|B₈| / 8!)`.
@@ -73,8 +74,10 @@ fn changes_of_leaves(surface: &Surface) -> Vec<[Changes; 2]> {
 }
 
 /// The sum of the mean squares along both parameters, times the squares of `factors`.
+///
+/// The pieces of a cell at an extraordinary vertex miss about as much as the worst of the cells around it.
 fn weighted_variances(surface: &Surface, changes: &[[Changes; 2]], factors: [f64; 2]) -> Vec<f64> {
-    (0..changes.len())
+    let mut variances: Vec<f64> = (0..changes.len())
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
@@ -82,7 +85,26 @@ fn weighted_variances(surface: &Surface, changes: &[[Changes; 2]], factors: [f64
             let square = |axis: usize| factors[axis].powi(2) * changes[leaf][axis].mean_square(normal);
             square(0) + square(1)
         })
-        .collect()
+        .collect();
+    let first = first_leaves(surface.space());
+    let pieces = || (0..first.len()).filter(|&leaf| is_piece(surface, leaf));
+    for leaf in pieces() {
+        let around = neighbourhood(surface.space(), leaf).into_iter().map(|k| variances[k]);
+        variances[first[leaf]] = around.fold(variances[first[leaf]], f64::max);
+    }
+    pieces().for_each(|leaf| variances[leaf] = variances[first[leaf]]);
+    variances
+}
+
+/// For each leaf the number of the first leaf of its cell. Cells at extraordinary vertices have several.
+fn first_leaves(space: &Hierarchy) -> Vec<usize> {
+    let mut first = BTreeMap::new();
+    (0..space.leaves().len()).map(|leaf| *first.entry(space.cell_of_leaf(leaf)).or_insert(leaf)).collect()
+}
+
+/// True for a leaf that is one of the pieces of a cell at an extraordinary vertex.
+fn is_piece(surface: &Surface, leaf: usize) -> bool {
+    surface.space().cell_of_leaf(leaf) != surface.space().leaves()[leaf]
 }
 
 /// Leaves that miss more than σ of the surface there, worst first.
@@ -99,27 +121,31 @@ pub(super) fn leaves_missing_shape(
     deepest: u8,
 ) -> Vec<Misfit> {
     let space = surface.space();
-    // Information and number of the readings of each leaf.
-    let mut sums = vec![(0.0, 0_u32); space.leaves().len()];
+    // Information, number of readings and area of each cell, at its first leaf.
+    let first = first_leaves(space);
+    let mut sums = vec![(0.0, 0_u32); first.len()];
     for (foot, &w) in feet.iter().zip(information) {
         if foot.state == FootState::Good && foot.quantity == Quantity::Position && w > 0.0 {
-            let (sum, count) = &mut sums[foot.leaf as usize];
+            let (sum, count) = &mut sums[first[foot.leaf as usize]];
             *sum += w;
             *count += 1;
         }
     }
+    let mut areas = vec![0.0; first.len()];
+    leaf_areas(surface).iter().zip(&first).for_each(|(area, &cell)| areas[cell] += area);
     let measured = sums.iter().filter(|(_, count)| *count > 0).count();
-    let degrees_per_leaf = degrees / measured.max(1) as f64;
-    let areas = leaf_areas(surface);
-    let missing: Vec<(usize, f64)> = (own_variances(surface).into_iter().zip(sums).enumerate())
-        .filter(|&(leaf, (_, (sum, count)))| {
+    let degrees_per_cell = degrees / measured.max(1) as f64;
+    let missing: Vec<(usize, f64)> = (own_variances(surface).into_iter().enumerate())
+        .filter(|&(leaf, _)| {
+            let (sum, count) = sums[first[leaf]];
             let variance_of_reading = f64::from(count) / sum;
             count >= MIN_READINGS
-                && space.leaves()[leaf].level < deepest
-                && areas[leaf] > MIN_LEAF_SIGMAS.powi(2) * variance_of_reading
+                && space.cell_of_leaf(leaf).level < deepest
+                && areas[first[leaf]] > MIN_LEAF_SIGMAS.powi(2) * variance_of_reading
         })
-        .map(|(leaf, (missed, (sum, _)))| {
-            (leaf, missed / (degrees_per_leaf / sum * (1.0 / per_sampled + NOISE_SHARE)))
+        .map(|(leaf, missed)| {
+            let sum = sums[first[leaf]].0;
+            (leaf, missed / (degrees_per_cell / sum * (1.0 / per_sampled + NOISE_SHARE)))
         })
         .filter(|(_, ratio)| *ratio > 1.0)
         .collect();
@@ -139,12 +165,21 @@ impl Changes {
             let mut local = [0.5; 2];
             local[axis] = at;
             let (other, at_other) = space.locate_near(leaf, local);
-            let (other_first, other_third) = derivatives(surface, other, axis, at_other);
-            let cosine = first.normalize_or_zero().dot(other_first.normalize_or_zero());
             // Beyond an open border is the leaf itself. Third derivatives of the leaves at an extraordinary
             // vertex change in any case.
-            let at_vertex = [leaf, other].iter().any(|&own| space.cell_of_leaf(own) != space.leaves()[own]);
-            if other == leaf || cosine < MIN_COSINE || at_vertex {
+            if other == leaf || [leaf, other].iter().any(|&own| is_piece(surface, own)) {
+                return None;
+            }
+            // The parameters of another quad may run along other directions.
+            let (cosine, other_third) = [0, 1]
+                .map(|other_axis| {
+                    let (along, third) = derivatives(surface, other, other_axis, at_other);
+                    let cosine = first.normalize_or_zero().dot(along.normalize_or_zero());
+                    (cosine.abs(), cosine.signum() * third)
+                })
+                .into_iter()
+                .max_by(|a, b| a.0.total_cmp(&b.0))?;
+            if cosine < MIN_COSINE {
                 return None;
             }
             let towards = if at < 0.0 { -1.0 } else { 1.0 };
