@@ -52,7 +52,7 @@ fn main() -> Result<()> {
     let report = &found.report;
     println!(
         "{} with {} control vertices, median σ {:.4} mm",
-        report.shape, report.coefficients, report.sigma.median
+        report.topology, report.coefficients, report.sigma.median
     );
     for sensor in &report.sensors {
         println!(

@@ -109,6 +109,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
     // The record has the names of the command line, because `planish info` prints it as a command.
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
+    option("--genus", args.genus.map(|n| n.to_string()));
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     option("--motion", args.motion.and_then(|m| value_name(m.to_possible_value())));
     option("--complete", args.complete.map(|_| "smooth".to_owned()));

@@ -103,7 +103,8 @@ codes! {
     UnresolvedShape = "unresolved-shape", Warning: "The cells are too large for part of the shape.",
     PatchErrorsCorrelated = "patch-errors-correlated", Warning:
         "Residuals in some patches are correlated at the maximum depth.",
-    SurfaceFolded = "surface-folded", Warning: "σ is smaller than all readings allow: the surface is folded.",
+    SurfaceFolded = "surface-folded", Warning:
+        "The surface passes through itself, or its σ is smaller than all readings allow.",
     SurfaceMisfit = "surface-misfit", Warning:
         "The surface does not follow its readings in some places, which the report lists.",
     SurfaceRefused = "surface-refused", Error:

@@ -69,19 +69,40 @@ impl MeshSearch {
     /// are separated by one of their planes.
     #[must_use]
     pub fn self_crossings(&self) -> SelfCrossings {
-        let leaves: Vec<&Node> = self.bvh.nodes.iter().filter(|n| n.count > 0).collect();
-        (leaves.par_iter())
-            .map(|leaf| self.crossings_of(leaf))
-            .reduce(SelfCrossings::default, SelfCrossings::with)
+        let of_leaf = |leaf: &Node| {
+            let mut found = SelfCrossings::default();
+            self.for_crossings_of(leaf, |first, place| {
+                found = found.with(SelfCrossings { pairs: 1, first, place });
+            });
+            found
+        };
+        self.leaves().par_iter().map(|leaf| of_leaf(leaf)).reduce(SelfCrossings::default, SelfCrossings::with)
     }
 
-    /// Intersections of the triangles of a leaf with those at later positions of the leaf order.
-    fn crossings_of(&self, leaf: &Node) -> SelfCrossings {
+    /// The pairs of triangles that intersect, in ascending order; as for [`MeshSearch::self_crossings`].
+    #[must_use]
+    pub fn crossing_pairs(&self) -> Vec<[u32; 2]> {
+        let of_leaf = |leaf: &Node| {
+            let mut found = Vec::new();
+            self.for_crossings_of(leaf, |pair, _| found.push(pair));
+            found
+        };
+        let mut all: Vec<[u32; 2]> = self.leaves().par_iter().flat_map_iter(|leaf| of_leaf(leaf)).collect();
+        all.sort_unstable();
+        all
+    }
+
+    fn leaves(&self) -> Vec<&Node> {
+        self.bvh.nodes.iter().filter(|n| n.count > 0).collect()
+    }
+
+    /// Calls `act` with each pair of a triangle of a leaf and one at a later position of the leaf order that
+    /// intersect, the lower number first, and a point where they do.
+    fn for_crossings_of(&self, leaf: &Node, mut act: impl FnMut([u32; 2], DVec3)) {
         let Bvh { nodes, corners, .. } = &self.bvh;
         let own_slots = leaf.first..leaf.first + leaf.count;
         let own_boxes: Vec<[DVec3; 2]> =
             own_slots.clone().map(|slot| box_of(&corners[slot as usize])).collect();
-        let mut found = SelfCrossings::default();
         let mut stack = [0_u32; MAX_DEPTH + 1];
         let mut height = 1;
         // Nodes are counted, not time: the number of pairs found is then the same on every machine.
@@ -123,13 +144,11 @@ impl MeshSearch {
                         continue;
                     }
                     if let Some(place) = crossing(own_triangle, other_triangle) {
-                        let first = [numbers[0].min(numbers[1]), numbers[0].max(numbers[1])];
-                        found = found.with(SelfCrossings { pairs: 1, first, place });
+                        act([numbers[0].min(numbers[1]), numbers[0].max(numbers[1])], place);
                     }
                 }
             }
         }
-        found
     }
 }
 

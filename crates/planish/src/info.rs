@@ -16,7 +16,7 @@ use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
 use planish_surface::export::sigma_summary;
 use planish_surface::fit::SigmaSummary;
-use planish_surface::model::{Observed, ScanPoseReport, SensorReport};
+use planish_surface::model::{Observed, ScanPoseReport, SensorReport, SurfaceTopology};
 use planish_surface::saved::{SavedModel, Session, load_with_provenance};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -195,7 +195,8 @@ pub struct MeshInfo {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModelInfo {
     /// The topology.
-    pub shape: String,
+    #[serde(flatten)]
+    pub topology: SurfaceTopology,
     /// Control vertices.
     pub coefficients: usize,
     /// Levels of the hierarchy.
@@ -519,7 +520,7 @@ fn model(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
         unit: Some(model.unit),
         files: vec![path.to_path_buf()],
         contents: Contents::Model(Box::new(ModelInfo {
-            shape: space.topology_name().to_owned(),
+            topology: SurfaceTopology::of(space),
             coefficients: space.node_count(),
             levels: space.levels(),
             cells: space.leaves().len(),

@@ -214,7 +214,7 @@ fn described(info: FileInfo) -> Checked {
         Contents::Model(model) => {
             format!(
                 "{} of {} control vertices, {} readings",
-                model.shape, model.coefficients, model.observations
+                model.topology, model.coefficients, model.observations
             )
         }
     };

@@ -25,6 +25,7 @@ mod enclosed;
 mod few_readings;
 mod finish;
 mod first;
+mod folds;
 mod formation;
 mod gaps;
 mod growth;
@@ -160,7 +161,7 @@ impl Fit {
 ///     ..ScanSet::default()
 /// };
 /// let fitted = fit(&set, &FitOptions::default(), &Silent)?;
-/// assert_eq!(fitted.report.shape, "sheet");
+/// assert_eq!(fitted.report.topology.shape, "sheet");
 /// assert!(fitted.report.rms < 0.012 && fitted.report.sigma.median < 0.01);
 /// # Ok::<(), planish_core::Error>(())
 /// ```

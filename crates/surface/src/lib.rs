@@ -28,7 +28,7 @@
 //!     ..ScanSet::default()
 //! };
 //! let fitted = fit(&set, &FitOptions::default(), &Silent)?;
-//! assert_eq!(fitted.report.shape, "ball");
+//! assert_eq!(fitted.report.topology.shape, "ball");
 //!
 //! // The mesh has σ at each vertex.
 //! let mesh = mesh_from_model(&fitted.model, &fitted.posterior(), Some(0.05))?;

@@ -9,6 +9,7 @@ mod posterior;
 mod predictive;
 mod reports;
 mod support;
+mod topology;
 
 pub use knowledge::{Knowledge, VertexInformation};
 pub(crate) use point_sigmas::order_by_leaf;
@@ -18,6 +19,7 @@ pub use predictive::{PredictionError, PredictiveSigma};
 pub use reports::{ScanPoseReport, SensorReport, SigmaSummary};
 pub(crate) use support::middles;
 pub use support::{MAX_SUPPORT_DEPTH, Support, SupportCell};
+pub use topology::SurfaceTopology;
 
 use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};

@@ -1,6 +1,6 @@
 //! Arguments of `planish fit`.
 
-use super::values::{depth, gate, held_out, max_coefficients, symmetry};
+use super::values::{depth, gate, genus, held_out, max_coefficients, symmetry};
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::values::{grid, length, positive};
 use clap::{Args, ValueEnum, ValueHint};
@@ -67,9 +67,15 @@ pub struct FitArgs {
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
           conflicts_with_all = ["shape", "tolerance", "max_coefficients", "max_depth"])]
     pub update: Option<PathBuf>,
-    /// Topology [default: detected from the points: sheet, tube or ball]
+    /// Topology [default: detected from the points: sheet, tube, or closed with any number of handles]
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
+    /// Number of handles of a closed object: the holes through it [default: detected]
+    // Completion needs the regular parameters of a shape.
+    #[arg(long, value_name = "N", value_parser = genus, allow_negative_numbers = true,
+          help_heading = "Surface", hide_short_help = true,
+          conflicts_with_all = ["shape", "update", "known_uv", "motion", "symmetry", "complete", "ground"])]
+    pub genus: Option<usize>,
     /// Fit a fixed grid of NxM cells; columns u and v of the files give the parameters
     ///
     /// The fit takes one step. u and v are in [0, 1]. The surface is a sheet unless --shape is given; balls

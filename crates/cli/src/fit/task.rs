@@ -69,9 +69,20 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
              requires independent readings: use --filter global"
         )));
     }
-    let global =
+    if is_patch && args.genus.is_some() {
+        return Err(Error::unsupported(
+            "--genus requires --filter global: patches lie on the grid of a sheet, tube, ball or torus",
+        ));
+    }
+    let global = GlobalOptions {
+        ground,
+        align: args.align,
+        symmetry: args.symmetry,
+        fill_gaps,
+        genus: args.genus,
         // The job asks for snapshots if it writes an animation.
-        GlobalOptions { ground, align: args.align, symmetry: args.symmetry, fill_gaps, ..Default::default() };
+        snapshots: None,
+    };
     match args.motion {
         Some(MotionName::Rigid) if is_patch => Err(Error::unsupported(
             "--motion rigid registers each scan to the surface of the first and requires its full \

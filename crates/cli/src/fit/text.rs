@@ -21,7 +21,7 @@ pub fn text(args: &FitArgs, done: &FitJobReport) -> String {
     };
     lines.line(format!(
         "{verb} a {} of {} ({}, {}) with {}.",
-        fit.shape,
+        fit.topology,
         counted(fit.coefficients, "control vertex"),
         counted(fit.levels, "level"),
         counted(fit.cells, "cell"),

@@ -52,6 +52,13 @@ fn direction(text: &str) -> Result<DVec3, String> {
     if direction.is_finite() && direction != DVec3::ZERO { Ok(direction) } else { Err(needed()) }
 }
 
+/// A number of handles.
+pub fn genus(text: &str) -> Result<usize, String> {
+    const MAX: usize = 1000;
+    (text.parse().ok().filter(|n| *n <= MAX))
+        .ok_or_else(|| format!("expected a number of handles from 0 to {MAX}, found {text:?}"))
+}
+
 /// The share of held-out readings.
 pub fn held_out(text: &str) -> Result<f64, String> {
     // With a larger share, too few readings would remain for the fit that they validate.

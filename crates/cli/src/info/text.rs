@@ -69,7 +69,7 @@ pub fn text(file: &Path, found: &FileInfo) -> String {
         Contents::Model(model) => {
             lines.line(format!(
                 "{file}: a model of a {} with {} control vertices.",
-                model.shape,
+                model.topology,
                 count(model.coefficients)
             ));
             lines.gap();

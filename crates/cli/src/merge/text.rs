@@ -56,7 +56,7 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
         lines.line(format!(
             "Spline: a {} with {} control vertices ({} levels), {} {unit} rms from the vertices of the mesh; \
              median σ {} {unit}",
-            spline.shape,
+            spline.topology,
             count(spline.coefficients),
             spline.levels,
             significant(spline.rms, 3),

@@ -59,7 +59,7 @@ pub(crate) fn fit_page(
         title: title_of(named),
         headline: format!(
             "{verb} a {} of {} with {}. Median σ of the measured surface: {}.",
-            report.shape,
+            report.topology,
             counted(report.coefficients, "control vertex"),
             counted(report.observations, "reading"),
             length(report.sigma.median),

@@ -20,7 +20,7 @@ use planish_mesh::{TriangleMesh, quantile_of_sorted};
 use planish_sense::{Scan, Sensor, SensorKind};
 use planish_surface::fit::{FitOptions, fit};
 use planish_surface::model::sigmas_along;
-use planish_surface::model::{SigmaSummary, SurfaceModel};
+use planish_surface::model::{SigmaSummary, SurfaceModel, SurfaceTopology};
 use planish_surface::saved::Session;
 use serde::Serialize;
 
@@ -28,7 +28,8 @@ use serde::Serialize;
 #[derive(Debug, Clone, Serialize, PartialEq)]
 pub struct SplineReport {
     /// The topology.
-    pub shape: String,
+    #[serde(flatten)]
+    pub topology: SurfaceTopology,
     /// Control vertices.
     pub coefficients: usize,
     /// Levels of the hierarchy.
@@ -110,7 +111,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     Ok(MergedSpline {
         model,
         report: SplineReport {
-            shape: fitted.report.shape,
+            topology: fitted.report.topology,
             coefficients: fitted.report.coefficients,
             levels: fitted.report.levels,
             rms: carried.rms,

@@ -11,6 +11,7 @@ use planish_exchange::{Unit, extension, read_inputs};
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{count, counted, significant};
 use planish_report::{Cloud, FieldKind, Scene};
+use planish_surface::model::SurfaceTopology;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of points that are drawn. It bounds memory; a picture has fewer pixels anyway.
@@ -71,7 +72,7 @@ impl ViewedContent {
         made.headline = match &model {
             Compared::Surface(model) => format!(
                 "A {} of {}.",
-                model.surface.space().topology_name(),
+                SurfaceTopology::of(model.surface.space()),
                 counted(model.surface.vertices().len(), "control vertex")
             ),
             Compared::Mesh(mesh) => format!(

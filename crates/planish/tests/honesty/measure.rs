@@ -111,7 +111,7 @@ pub fn run(
         Ok(Err(e)) => Outcome::Failed(format!("exit code {}: {e}", e.kind().exit_code())),
         Ok(Ok((report, mesh))) => {
             let mut found = compare(&mesh, reference, rng);
-            found.shape = report.shape.clone();
+            found.shape = report.topology.shape.clone();
             let serious = report.findings.iter().filter(|f| f.level != planish::FindingLevel::Info);
             found.findings = serious.clone().map(|f| f.code.as_str()).collect();
             found.texts = serious.map(ToString::to_string).collect();

@@ -169,7 +169,9 @@ fn the_shape_of_a_few_readings_is_chosen_without_normals() {
             let truth = Truth::random(shape, &mut rng);
             let set = common::probed(truth.readings(count, 0.02, &mut rng), None, None);
             match fit(&set, &FitOptions::default(), &Silent) {
-                Ok(found) => assert_eq!(found.report.shape, shape.name(), "{count} readings, seed {seed}"),
+                Ok(found) => {
+                    assert_eq!(found.report.topology.shape, shape.name(), "{count} readings, seed {seed}")
+                }
                 Err(error) => assert_ne!(shape, Shape::Sheet, "{count} readings, seed {seed}: {error}"),
             }
         }
@@ -190,7 +192,7 @@ fn neighbours_in_a_plane_show_sheets_and_bodies() {
         })
         .collect();
     let found = fit(&common::probed(waves, None, None), &FitOptions::default(), &Silent).unwrap();
-    assert_eq!(found.report.shape, "sheet");
+    assert_eq!(found.report.topology.shape, "sheet");
     let thin: Vec<DVec3> = (0..121)
         .map(|k| {
             let z = 2.0 * (f64::from(k) + 0.5) / 121.0 - 1.0;

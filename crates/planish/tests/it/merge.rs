@@ -219,14 +219,14 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
     let report = &spline.report;
     println!(
         "{} of {} control vertices, rms {:.4} from the mesh, σ {:.4} (mesh {:.4}), variances times {:.1}",
-        report.shape,
+        report.topology.shape,
         report.coefficients,
         report.rms,
         report.sigma.median,
         merged.report.sigma.median,
         report.variance_factor
     );
-    assert_eq!(report.shape, "ball");
+    assert_eq!(report.topology.shape, "ball");
     // Vertices that no other patch shares keep their noise, and are smoothed.
     let squares: f64 = merged.sigma.iter().map(|s| s * s).sum();
     let rms_sigma = (squares / merged.sigma.len() as f64).sqrt();

@@ -73,7 +73,7 @@ fn rms(values: &[f64]) -> f64 {
 #[test]
 fn the_meadow_under_houses_and_trees_is_found() {
     let fit = ground(&village(DVec3::ZERO));
-    assert_eq!(fit.report.shape, Shape::Sheet.name());
+    assert_eq!(fit.report.topology.shape, Shape::Sheet.name());
     assert!(fit.report.rejected["above_ground"] > 4000, "{:?}", fit.report.rejected);
     let places = (0..400).map(|k| [5.0 + 4.5 * f64::from(k % 20), 5.0 + 4.5 * f64::from(k / 20)]);
     let off = heights_off(&fit, places.map(|[x, y]| DVec3::new(x, y, meadow(x, y))));

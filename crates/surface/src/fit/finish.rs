@@ -42,7 +42,7 @@ use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
     Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, Support, SurfaceModel,
-    VertexInformation,
+    SurfaceTopology, VertexInformation,
 };
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
 use crate::subdivision::RefinementLog;
@@ -344,7 +344,7 @@ impl Finishing<'_> {
         Ok(FitReport {
             observations: totals.count,
             rejected,
-            shape: space.topology_name().to_owned(),
+            topology: SurfaceTopology::of(space),
             coefficients: space.node_count(),
             levels: space.levels(),
             cells: space.leaves().len(),

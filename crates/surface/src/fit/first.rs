@@ -6,14 +6,14 @@
 //! Not guaranteed: that the surface is within the noise of its readings; [`super::refine`] iterates until it
 //! is.
 
-use super::FitOptions;
 use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
+use super::options::{FitOptions, Handles};
 use super::over_quads::surface_over_quads;
 use crate::observe::{Observations, Quantity, ReadingColumns};
-use planish_core::{DVec3, Progress};
+use planish_core::{DVec3, ErrorKind, Progress};
 use planish_estimate::{Error, Result};
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, choose_base_shape};
 
@@ -28,6 +28,8 @@ const BASE_CELLS: usize = 128;
 /// thousands of readings and too little for the test of residuals: 95 % intervals of tori covered 83 %. On
 /// sixteen it is `2e-5 r`. See decision 0096.
 const CELLS_AROUND: usize = 12;
+/// Fewer readings show no handles.
+const MIN_FOR_HANDLES: usize = 1000;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
 /// With fewer readings on a surface, all readings choose the shape.
@@ -59,15 +61,25 @@ pub(super) fn first_surface(
     let size = sample.count;
     let sample = sample.readings;
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
+    if let Some(handles @ Handles::Exactly(_)) = options.handles() {
+        progress.check("topology", 0.02)?;
+        return surface_over_quads(&points, &normals, size, handles);
+    }
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
     let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals);
-    if is_grown && options.shape.is_none() && options.any_topology() {
+    if is_grown
+        && size >= MIN_FOR_HANDLES
+        && let Some(handles) = options.handles()
+    {
         progress.check("topology", 0.04)?;
-        if let Some(surface) = surface_over_quads(&points, &normals, size)? {
-            return Ok(surface);
+        match surface_over_quads(&points, &normals, size, handles) {
+            Ok(surface) => return Ok(surface),
+            // The verdict says whether a ball follows such readings.
+            Err(error) if error.kind() == ErrorKind::Undetermined => {}
+            Err(error) => return Err(error),
         }
     }
     if is_grown {

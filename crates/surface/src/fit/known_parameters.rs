@@ -20,7 +20,8 @@ use super::shared_errors::{MAX_OVERSTATEMENT, combined_variance};
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{
-    Knowledge, NodeCovariance, Observed, Posterior, SensorReport, Support, SurfaceModel, VertexInformation,
+    Knowledge, NodeCovariance, Observed, Posterior, SensorReport, Support, SurfaceModel, SurfaceTopology,
+    VertexInformation,
 };
 use crate::observe::{Quantity, RejectionCause};
 use planish_core::Progress;
@@ -415,7 +416,7 @@ impl Solved {
         }
         Ok(FitReport {
             observations: self.count(),
-            shape: space.topology_name().to_owned(),
+            topology: SurfaceTopology::of(space),
             coefficients: space.node_count(),
             levels: 1,
             filter: super::Filter::Global,

@@ -106,6 +106,15 @@ pub enum Strategy {
     Bending,
 }
 
+/// How many handles a closed surface has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Handles {
+    /// As many as the readings show.
+    AsSeen,
+    /// This number.
+    Exactly(usize),
+}
+
 /// Settings of a global fit.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GlobalOptions {
@@ -121,10 +130,9 @@ pub struct GlobalOptions {
     /// Number of snapshots to keep of the model as it forms (default: none): see
     /// [`Fit::formation`](super::Fit).
     pub snapshots: Option<usize>,
-    /// Fit closed objects with handles, and several bodies, over a mesh of quads instead of refusing them
-    /// (default: no). Edges, thin parts and holes narrower than a twentieth of the object are not followed
-    /// yet.
-    pub any_topology: bool,
+    /// Number of handles of a closed object, which are the holes through it (default: as many as the readings
+    /// show). A number above zero overrides the shape.
+    pub genus: Option<usize>,
 }
 
 /// Settings of a fit by the patch filter.
@@ -255,12 +263,15 @@ impl Strategy {
 }
 
 impl FitOptions {
-    /// True if surfaces may have any topology.
-    #[must_use]
-    pub fn any_topology(&self) -> bool {
-        match &self.strategy {
-            Strategy::Global(global) | Strategy::Moving(global) => global.any_topology,
-            Strategy::Patches(_) | Strategy::KnownParameters { .. } | Strategy::Bending => false,
+    /// The handles of a closed surface over quads; none if the surface is a sheet, tube, ball or torus.
+    pub(super) fn handles(&self) -> Option<Handles> {
+        let Strategy::Global(GlobalOptions { symmetry, fill_gaps, genus, .. }) = &self.strategy else {
+            return None;
+        };
+        match genus {
+            Some(genus) => Some(Handles::Exactly(*genus)),
+            None if self.shape.is_some() || symmetry.is_some() || *fill_gaps => None,
+            None => Some(Handles::AsSeen),
         }
     }
 

@@ -10,6 +10,7 @@
 //! refinement follows them.
 
 use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
+use super::options::Handles;
 use crate::layout::{Layout, mesh_of};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
@@ -36,41 +37,53 @@ const READINGS_TO_DIVIDE: usize = 16;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
-/// A surface around the solid that points with outward normals enclose; none if a ball has its topology. The
-/// points are a sample of `readings` of them.
+/// A surface around the solid that points with outward normals enclose. The points are a sample of `readings`
+/// of them.
 ///
 /// # Errors
-/// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur.
+/// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur, or at no blur is the wanted
+/// one.
 pub(super) fn surface_over_quads(
     points: &[DVec3],
     normals: &[DVec3],
     readings: usize,
-) -> Result<Option<Surface>> {
+    wanted: Handles,
+) -> Result<Surface> {
+    let mesh = enclosing_mesh(points, normals, wanted)?;
+    let layout = Layout::on_mesh(&mesh, readings / READINGS_PER_QUAD)?;
+    let is_dense = readings >= READINGS_TO_DIVIDE * layout.domain.cells().len();
+    let surface = interpolating(layout)?;
+    if is_dense { divided_at_vertices(surface) } else { Ok(surface) }
+}
+
+/// The level set of the weakest blur that has the wanted topology, or that of the next blur as well.
+fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Result<TriangleMesh> {
     let indicator = Indicator::on_grid(points, normals, grid_cells(points)?);
-    let mut before: Option<TriangleMesh> = None;
+    let mut before: Option<(TriangleMesh, [usize; 2])> = None;
+    let mut all_handles = Vec::new();
     for blur in BLURS {
         let field = indicator.blurred(MIN_BLUR_CELLS * blur * indicator.cell());
         let mesh = level_set(&field, field.level(points))?;
-        let [own, last] = [Some(&mesh), before.as_ref()].map(|mesh| mesh.map(bodies_and_handles));
-        if own == last {
-            // The weaker blur has more detail.
-            let mesh = before.unwrap_or(mesh);
-            return match own {
-                Some((1, 0)) => Ok(None),
-                _ => {
-                    let layout = Layout::on_mesh(&mesh, readings / READINGS_PER_QUAD)?;
-                    let is_dense = readings >= READINGS_TO_DIVIDE * layout.domain.cells().len();
-                    let surface = interpolating(layout)?;
-                    Ok(Some(if is_dense { divided_at_vertices(surface)? } else { surface }))
-                }
-            };
+        let own @ [_, handles] = bodies_and_handles(&mesh);
+        match (wanted, before) {
+            (Handles::Exactly(number), _) if number == handles => return Ok(mesh),
+            (Handles::AsSeen, Some((finer, last))) if last == own => return Ok(finer),
+            _ => {}
         }
-        before = Some(mesh);
+        all_handles.push(handles.to_string());
+        before = Some((mesh, own));
     }
-    Err(Error::undetermined(
-        "the number of bodies and handles of the object depends on how strongly its readings are smoothed: \
-         they are too few or too noisy to show it",
-    ))
+    let found = all_handles.join(", ");
+    Err(Error::undetermined(match wanted {
+        Handles::AsSeen => format!(
+            "the number of bodies and handles of the object depends on how strongly its readings are \
+             smoothed ({found} handles): they are too few or too noisy to show it"
+        ),
+        Handles::Exactly(number) => format!(
+            "expected readings of a closed surface with {number} handles, found {found} at increasing \
+             smoothness: add readings, or specify another genus"
+        ),
+    }))
 }
 
 /// Grid cells along each side: about one for the median spacing of points.
@@ -83,10 +96,10 @@ fn grid_cells(points: &[DVec3]) -> Result<usize> {
     Ok(((cells / CELL_STEP as f64) as usize * CELL_STEP).clamp(CELLS, MAX_CELLS))
 }
 
-fn bodies_and_handles(mesh: &TriangleMesh) -> (usize, usize) {
+fn bodies_and_handles(mesh: &TriangleMesh) -> [usize; 2] {
     let check = mesh.check();
     let handles = (2 * check.components as i64 - check.euler_characteristic) / 2;
-    (check.components, handles.max(0) as usize)
+    [check.components, handles.max(0) as usize]
 }
 
 /// The closed surface on which an indicator has a level, without cavities and small bodies.

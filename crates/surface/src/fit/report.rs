@@ -5,7 +5,7 @@ use super::surface_misfit::UnresolvedPlace;
 use super::unresolved_shape::UnresolvedShape;
 use super::verdict::FitVerdict;
 use super::{Filter, PropagationReport};
-use crate::model::{ScanPoseReport, SensorReport, SigmaSummary};
+use crate::model::{ScanPoseReport, SensorReport, SigmaSummary, SurfaceTopology};
 use crate::observe::RejectionCause;
 use crate::subdivision::LevelRefinement;
 use planish_core::finding::{Finding, with_warnings};
@@ -41,7 +41,8 @@ pub struct FitReport {
     /// Rejected readings, by cause.
     pub rejected: BTreeMap<String, usize>,
     /// Topology.
-    pub shape: String,
+    #[serde(flatten)]
+    pub topology: SurfaceTopology,
     /// Control vertices.
     pub coefficients: usize,
     /// Levels of the hierarchy.

@@ -64,6 +64,14 @@ pub(super) struct SurfaceMisfit {
     pub feet: Vec<(usize, [f64; 2])>,
 }
 
+impl SurfaceMisfit {
+    /// The same, with more places at which the surface is not followed.
+    pub(super) fn with_feet(mut self, places: Vec<(usize, [f64; 2])>) -> Self {
+        self.feet.extend(places);
+        self
+    }
+}
+
 /// A reading that is judged.
 struct JudgedReading {
     foot: (usize, [f64; 2]),

@@ -4,6 +4,7 @@
 //! does not follow, or a refusal. See decision 0101.
 
 use super::enclosed::{EnclosedSolid, EnclosedTopology};
+use super::folds::Folds;
 use super::leaves::{leaf_areas, neighbourhood};
 use super::noise::SensorNoise;
 use super::surface_misfit::{SurfaceMisfit, UnresolvedPlace, surface_misfit};
@@ -23,6 +24,9 @@ const MAX_UNRESOLVED_OF_OTHER_TOPOLOGY: f64 = 0.005;
 /// Largest share of the surface that may be far from the solid that the readings enclose, if that has
 /// another topology.
 const MAX_STRAY: f64 = 0.003;
+/// Largest share of the area that may pass through itself. Fits of 40,000 readings with less were covered to
+/// 0.88 to 0.95 of 95 % intervals, those with more to 0.80 to 0.87.
+const MAX_FOLDED: f64 = 0.005;
 /// Median distance of the readings from the surface, in σ of their noise, from which a surface runs between
 /// two layers. Readings of one layer have 0.67.
 const LAYERS_APART: f64 = 2.0;
@@ -166,7 +170,17 @@ pub(super) fn judge_surface(
             return Err(Error::undetermined(text).with_setting(Setting::Force));
         }
     }
-    let misfit = surface_misfit(readings, input.gate, input.origin)?;
+    let folds = Folds::of(surface, readings.feet)?;
+    let folded = folds.finding(input.origin);
+    if let Some(finding) = folded.clone().filter(|_| folds.area_fraction > MAX_FOLDED) {
+        if !input.force {
+            return Err(Error::undetermined(finding.text).with_setting(Setting::Force));
+        }
+        let misfit = surface_misfit(readings, input.gate, input.origin)?.with_feet(folds.places);
+        let finding = Finding::new(FindingCode::SurfaceRefused, finding.text);
+        return Ok(Verdict { verdict: FitVerdict::Refused, misfit, finding: Some(finding) });
+    }
+    let misfit = surface_misfit(readings, input.gate, input.origin)?.with_feet(folds.places);
     let solid = (shape == Some(Shape::Ball)).then(|| solid_of(readings.observations)).flatten();
     // Thin parts vanish at some levels of the indicator, and noise makes small handles at others. Where the
     // surface leaves the solid as well, a single level is evidence.
@@ -176,7 +190,8 @@ pub(super) fn judge_surface(
         .map(|solid| if stray > MAX_STRAY { solid.at_any_level } else { solid.topology })
         .filter(|topology| !topology.is_ball());
     if misfit.places.is_empty() && stray <= MAX_STRAY {
-        return Ok(Verdict { misfit, ..Verdict::default() });
+        let verdict = if folded.is_some() { FitVerdict::Unresolved } else { FitVerdict::Converged };
+        return Ok(Verdict { verdict, misfit, finding: folded });
     }
     let allowed = if other.is_some() { MAX_UNRESOLVED_OF_OTHER_TOPOLOGY } else { MAX_UNRESOLVED };
     let refused = misfit.area_fraction > allowed || stray > MAX_STRAY;

@@ -65,7 +65,7 @@ fn scan(count: usize, seed: u64) -> ScanSet {
 }
 
 fn fitted(count: usize, seed: u64) -> Fit {
-    let strategy = Strategy::Global(GlobalOptions { any_topology: true, ..GlobalOptions::default() });
+    let strategy = Strategy::Global(GlobalOptions::default());
     fit(&scan(count, seed), &FitOptions { strategy, ..FitOptions::default() }, &Silent).unwrap()
 }
 

@@ -1,0 +1,99 @@
+//! Places where a surface passes through itself.
+//!
+//! Input: a surface. Output: where a triangle of its mesh intersects another. The border of a solid never
+//! does that, so one of the sides is wrong there, however small the residuals are.
+//!
+//! Not guaranteed: folds that are as thin as the chord error of the mesh.
+
+use super::leaves::leaf_areas;
+use crate::observe::Foot;
+use planish_core::numbers::significant;
+use planish_core::{DVec3, Finding, FindingCode, Setting};
+use planish_estimate::Result;
+use planish_mesh::{MeshSearch, TriangleMesh};
+use planish_spline::{Surface, TessellationOptions, tessellate};
+
+/// Chord error of the mesh, as a share of the side of a square with the mean area of the leaves, and most
+/// divisions along a side of a leaf.
+const TOLERANCE: f64 = 0.05;
+const MAX_DIVISIONS: u32 = 4;
+
+/// Where a surface passes through itself.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Folds {
+    /// Corners of the triangles: leaves, and places in them.
+    pub places: Vec<(usize, [f64; 2])>,
+    /// Share of the area of the leaves, of those pairs of which at least one holds readings.
+    pub area_fraction: f64,
+    /// Middle of the place with the lowest leaf.
+    pub example: DVec3,
+}
+
+impl Folds {
+    /// # Errors
+    /// As for [`tessellate`].
+    pub(super) fn of(surface: &Surface, feet: &[Foot]) -> Result<Self> {
+        let areas = leaf_areas(surface);
+        let all: f64 = areas.iter().sum();
+        let tolerance = TOLERANCE * (all / areas.len() as f64).sqrt();
+        let made = tessellate(surface, &TessellationOptions { tolerance, max_divisions: MAX_DIVISIONS })?;
+        let mesh = TriangleMesh::try_new(made.positions, made.triangles)?;
+        let pairs = MeshSearch::try_new(&mesh)?.crossing_pairs();
+        let Some(&[first, _]) = pairs.first() else {
+            return Ok(Self::default());
+        };
+        let leaf_of = |triangle: u32| made.leaf[mesh.triangles[triangle as usize][0] as usize] as usize;
+        let mut is_measured = vec![false; areas.len()];
+        feet.iter().for_each(|foot| is_measured[foot.leaf as usize] = true);
+        // Sides that nothing was measured on are marked as such, wherever they run.
+        let contradict =
+            pairs.iter().map(|pair| pair.map(leaf_of)).filter(|[a, b]| is_measured[*a] || is_measured[*b]);
+        let mut leaves: Vec<usize> = contradict.flatten().collect();
+        leaves.sort_unstable();
+        leaves.dedup();
+        let mut vertices: Vec<u32> =
+            pairs.iter().flatten().flat_map(|&t| mesh.triangles[t as usize]).collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        Ok(Self {
+            places: vertices
+                .iter()
+                .map(|&v| v as usize)
+                .map(|v| (made.leaf[v] as usize, made.local[v]))
+                .collect(),
+            area_fraction: leaves.iter().map(|&leaf| areas[leaf]).sum::<f64>() / all,
+            example: mesh.corners(first as usize)[0],
+        })
+    }
+
+    /// What a user should know; none without folds. Places are relative to `origin`.
+    pub(super) fn finding(&self, origin: DVec3) -> Option<Finding> {
+        let place = (self.example + origin).to_array().map(|c| significant(c, 4)).join(", ");
+        let text = format!(
+            "the surface passes through itself on {} % of its area, for example near ({place}): a part of the \
+             object is thinner than the cells, or the readings are too few or too noisy there; add readings, or \
+             specify the shape",
+            significant(100.0 * self.area_fraction, 2)
+        );
+        let is_folded = !self.places.is_empty();
+        is_folded.then(|| Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_spline::BaseShape;
+
+    #[test]
+    fn a_surface_that_passes_through_itself_is_found() {
+        let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8]).unwrap();
+        assert!(Folds::of(&ball, &[]).unwrap().places.is_empty());
+        // One side is pushed through the other.
+        let pushed: Vec<DVec3> =
+            ball.vertices().iter().map(|p| if p.x > 8.0 { *p - 22.0 * DVec3::X } else { *p }).collect();
+        let folds = Folds::of(&ball.with_vertices(pushed).unwrap(), &[]).unwrap();
+        assert!(folds.places.len() > 10 && folds.example.x < 0.0, "{folds:?}");
+        assert_eq!(folds.area_fraction, 0.0, "nothing was measured");
+    }
+}
