@@ -7,8 +7,8 @@
 
 use super::leaves::leaf_areas;
 use crate::observe::Foot;
+use planish_core::DVec3;
 use planish_core::numbers::significant;
-use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::{Surface, TessellationOptions, tessellate};
@@ -66,17 +66,15 @@ impl Folds {
         })
     }
 
-    /// What a user should know; none without folds. Places are relative to `origin`.
-    pub(super) fn finding(&self, origin: DVec3) -> Option<Finding> {
+    /// What a user should know, up to the reason; none without folds. Places are relative to `origin`.
+    pub(super) fn text(&self, origin: DVec3) -> Option<String> {
         let place = (self.example + origin).to_array().map(|c| significant(c, 4)).join(", ");
-        let text = format!(
-            "the surface passes through itself on {} % of its area, for example near ({place}): a part of the \
-             object is thinner than the cells, or the readings are too few or too noisy there; add readings, or \
-             specify the shape",
-            significant(100.0 * self.area_fraction, 2)
-        );
-        let is_folded = !self.places.is_empty();
-        is_folded.then(|| Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape))
+        (!self.places.is_empty()).then(|| {
+            format!(
+                "the surface passes through itself on {} % of its area, for example near ({place})",
+                significant(100.0 * self.area_fraction, 2)
+            )
+        })
     }
 }
 

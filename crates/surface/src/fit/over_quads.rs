@@ -33,7 +33,7 @@ const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
 const MIN_BODY: f64 = 0.01;
 /// Divisions of the cells at extraordinary vertices, and readings of a quad that allow them.
 const VERTEX_DIVISIONS: usize = 2;
-const READINGS_TO_DIVIDE: usize = 16;
+const READINGS_TO_DIVIDE: usize = 8;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
@@ -63,7 +63,8 @@ fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Resul
     let mut all_handles = Vec::new();
     for blur in BLURS {
         let field = indicator.blurred(MIN_BLUR_CELLS * blur * indicator.cell());
-        let mesh = level_set(&field, field.level(points))?;
+        // A blurred field needs no finer cells than its blur.
+        let mesh = level_set(&field, field.level(points), blur * field.cell())?;
         let own @ [_, handles] = bodies_and_handles(&mesh);
         match (wanted, before) {
             (Handles::Exactly(number), _) if number == handles => return Ok(mesh),
@@ -103,11 +104,11 @@ fn bodies_and_handles(mesh: &TriangleMesh) -> [usize; 2] {
 }
 
 /// The closed surface on which an indicator has a level, without cavities and small bodies.
-fn level_set(field: &BlurredIndicator, level: f64) -> Result<TriangleMesh> {
+fn level_set(field: &BlurredIndicator, level: f64, cell: f64) -> Result<TriangleMesh> {
     let height = |p: DVec3| level - field.sample(p).0;
     let slope = field.largest_slope();
     let near = |p: DVec3, reach: f64| height(p).abs() <= slope * reach;
-    let mesh = isosurface(&field.bounds(), field.cell(), height, near)?;
+    let mesh = isosurface(&field.bounds(), cell, height, near)?;
     let parts = mesh.parts();
     let mut volumes = vec![0.0; parts.iter().max().map_or(0, |last| *last as usize + 1)];
     for (index, &part) in parts.iter().enumerate() {

@@ -171,15 +171,7 @@ pub(super) fn judge_surface(
         }
     }
     let folds = Folds::of(surface, readings.feet)?;
-    let folded = folds.finding(input.origin);
-    if let Some(finding) = folded.clone().filter(|_| folds.area_fraction > MAX_FOLDED) {
-        if !input.force {
-            return Err(Error::undetermined(finding.text).with_setting(Setting::Force));
-        }
-        let misfit = surface_misfit(readings, input.gate, input.origin)?.with_feet(folds.places);
-        let finding = Finding::new(FindingCode::SurfaceRefused, finding.text);
-        return Ok(Verdict { verdict: FitVerdict::Refused, misfit, finding: Some(finding) });
-    }
+    let folded = folds.text(input.origin);
     let misfit = surface_misfit(readings, input.gate, input.origin)?.with_feet(folds.places);
     let solid = (shape == Some(Shape::Ball)).then(|| solid_of(readings.observations)).flatten();
     // Thin parts vanish at some levels of the indicator, and noise makes small handles at others. Where the
@@ -189,24 +181,28 @@ pub(super) fn judge_surface(
     let other = (solid.as_ref())
         .map(|solid| if stray > MAX_STRAY { solid.at_any_level } else { solid.topology })
         .filter(|topology| !topology.is_ball());
-    if misfit.places.is_empty() && stray <= MAX_STRAY {
+    let is_folded = folds.area_fraction > MAX_FOLDED;
+    if misfit.places.is_empty() && stray <= MAX_STRAY && !is_folded {
         let verdict = if folded.is_some() { FitVerdict::Unresolved } else { FitVerdict::Converged };
-        return Ok(Verdict { verdict, misfit, finding: folded });
+        let finding = folded.map(|text| Finding::new(FindingCode::SurfaceFolded, text));
+        return Ok(Verdict { verdict, misfit, finding });
     }
     let allowed = if other.is_some() { MAX_UNRESOLVED_OF_OTHER_TOPOLOGY } else { MAX_UNRESOLVED };
-    let refused = misfit.area_fraction > allowed || stray > MAX_STRAY;
-    let place = misfit.places.first().map_or_else(
-        || format!("{} of the surface is far from the solid that the readings enclose", percent(stray)),
-        |largest| {
-            format!(
-                "the surface does not follow the readings on {} of the measured area, most of it around \
-                 ({}) over a length of {}",
-                percent(misfit.area_fraction),
-                largest.centre.map(|c| significant(c, 4)).join(", "),
-                significant(largest.size, 2)
-            )
-        },
-    );
+    let refused = misfit.area_fraction > allowed || stray > MAX_STRAY || is_folded;
+    let place = folded.filter(|_| is_folded).unwrap_or_else(|| {
+        misfit.places.first().map_or_else(
+            || format!("{} of the surface is far from the solid that the readings enclose", percent(stray)),
+            |largest| {
+                format!(
+                    "the surface does not follow the readings on {} of the measured area, most of it around \
+                     ({}) over a length of {}",
+                    percent(misfit.area_fraction),
+                    largest.centre.map(|c| significant(c, 4)).join(", "),
+                    significant(largest.size, 2)
+                )
+            },
+        )
+    });
     let mut text = format!("{place}: {}", reason(shape, other, input.several_scans));
     if other.is_some() && solid.is_some_and(|solid| solid.topology.is_ball()) {
         text += "; that depends on where exactly the border of the solid is drawn, so the readings may also \
@@ -456,10 +452,9 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
             format!("the object has {holes}, which a {} cannot have", noun)
         }
         _ => format!(
-            "there is an edge, a hole, a thin part or another feature that a smooth {} of this resolution \
-             does not have, or it is no {}{}",
-            noun,
-            noun,
+            "there is an edge, a hole, a thin part or another feature that a smooth {noun} of this resolution \
+             does not have{}{}",
+            shape.map_or_else(String::new, |_| format!(", or it is no {noun}")),
             if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),
     }
