@@ -67,7 +67,7 @@ pub struct FitArgs {
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
           conflicts_with_all = ["shape", "tolerance", "max_coefficients", "max_depth"])]
     pub update: Option<PathBuf>,
-    /// Topology [default: detected from the points: sheet, tube, or closed with any number of handles]
+    /// Topology [default: detected, with any number of handles]
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
     /// Number of handles of a closed object: the holes through it [default: detected]

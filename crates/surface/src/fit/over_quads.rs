@@ -41,8 +41,8 @@ const INTERPOLATION_STEPS: usize = 20;
 /// of them.
 ///
 /// # Errors
-/// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur, or at no blur is the wanted
-/// one.
+/// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur, or is the wanted one at
+/// none.
 pub(super) fn surface_over_quads(
     points: &[DVec3],
     normals: &[DVec3],

@@ -452,8 +452,8 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
             format!("the object has {holes}, which a {} cannot have", noun)
         }
         _ => format!(
-            "there is an edge, a hole, a thin part or another feature that a smooth {noun} of this resolution \
-             does not have{}{}",
+            "there is an edge, a hole, a thin part or another feature that a smooth {noun} of this \
+             resolution does not have{}{}",
             shape.map_or_else(String::new, |_| format!(", or it is no {noun}")),
             if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),
