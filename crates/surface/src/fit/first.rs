@@ -8,13 +8,15 @@
 
 use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
+use super::folds::Folds;
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use super::options::{FitOptions, Handles};
-use super::over_quads::surface_over_quads;
+use super::over_quads::{enclosing_mesh, is_ball, surface_over_quads};
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, ErrorKind, Progress};
 use planish_estimate::{Error, Result};
+use planish_mesh::TriangleMesh;
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, choose_base_shape};
 
 /// Approximate number of cells of the base grid, before it is adapted to many readings.
@@ -63,24 +65,25 @@ pub(super) fn first_surface(
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
     if let Some(handles @ Handles::Exactly(_)) = options.handles() {
         progress.check("topology", 0.02)?;
-        return surface_over_quads(&points, &normals, size, handles);
+        return surface_over_quads(&enclosing_mesh(&points, &normals, handles)?, size);
     }
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
     let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals);
+    let mut enclosing = None;
     if is_grown
         && size >= MIN_FOR_HANDLES
         && let Some(handles) = options.handles()
     {
         progress.check("topology", 0.04)?;
-        match surface_over_quads(&points, &normals, size, handles) {
-            Ok(surface) => return Ok(surface),
-            // The verdict says whether a ball follows such readings.
-            Err(error) if error.kind() == ErrorKind::Undetermined => {}
-            Err(error) => return Err(error),
-        }
+        enclosing = if_determined(enclosing_mesh(&points, &normals, handles))?;
+    }
+    if let Some(mesh) = enclosing.as_ref().filter(|mesh| !is_ball(mesh))
+        && let Some(surface) = if_determined(surface_over_quads(mesh, size))?
+    {
+        return Ok(surface);
     }
     if is_grown {
         let indicator = Indicator::new(&points, &normals);
@@ -97,13 +100,37 @@ pub(super) fn first_surface(
                     && cells(level) <= options.max_coefficients
             })
             .count();
-        grow(&base, grid, levels, &points, &indicator, &|share| {
+        let grown = grow(&base, grid, levels, &points, &indicator, &|share| {
             progress.check("growing", 0.05 + 0.35 * share)
-        })
+        })?;
+        let over_quads = |mesh: TriangleMesh| if_determined(surface_over_quads(&mesh, size));
+        less_folded(grown, || enclosing.map_or(Ok(None), over_quads))
     } else {
         let whole = size * (1 + observations.intake.later_batches);
         drape(&base, grid, &points, whole, !observations.scan_errors.is_empty(), options)
     }
+}
+
+/// The value, or none if the readings do not determine it: the verdict then says whether a ball follows them.
+fn if_determined<T>(found: Result<T>) -> Result<Option<T>> {
+    match found {
+        Ok(value) => Ok(Some(value)),
+        Err(error) if error.kind() == ErrorKind::Undetermined => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// A surface, or another one if the first passes through itself at more places.
+fn less_folded(surface: Surface, other: impl FnOnce() -> Result<Option<Surface>>) -> Result<Surface> {
+    let folds = |surface: &Surface| Folds::of(surface, &[]).map(|found| found.places.len());
+    let own = folds(&surface)?;
+    if own > 0
+        && let Some(other) = other()?
+        && folds(&other)? < own
+    {
+        return Ok(other);
+    }
+    Ok(surface)
 }
 
 /// True if the readings see a ball's solid as star-shaped: their normals face away from its centre.

@@ -37,27 +37,28 @@ const READINGS_TO_DIVIDE: usize = 8;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
-/// A surface around the solid that points with outward normals enclose. The points are a sample of `readings`
-/// of them.
+/// A surface over quads on a closed mesh that is drawn from a sample of `readings` points.
 ///
 /// # Errors
-/// As for [`Layout::on_mesh`]; `Undetermined` if the topology depends on the blur, or is the wanted one at
-/// none.
-pub(super) fn surface_over_quads(
-    points: &[DVec3],
-    normals: &[DVec3],
-    readings: usize,
-    wanted: Handles,
-) -> Result<Surface> {
-    let mesh = enclosing_mesh(points, normals, wanted)?;
-    let layout = Layout::on_mesh(&mesh, readings / READINGS_PER_QUAD)?;
+/// As for [`Layout::on_mesh`].
+pub(super) fn surface_over_quads(mesh: &TriangleMesh, readings: usize) -> Result<Surface> {
+    let layout = Layout::on_mesh(mesh, readings / READINGS_PER_QUAD)?;
     let is_dense = readings >= READINGS_TO_DIVIDE * layout.domain.cells().len();
     let surface = interpolating(layout)?;
     if is_dense { divided_at_vertices(surface) } else { Ok(surface) }
 }
 
-/// The level set of the weakest blur that has the wanted topology, or that of the next blur as well.
-fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Result<TriangleMesh> {
+/// True if a closed mesh has one component without handles.
+pub(super) fn is_ball(mesh: &TriangleMesh) -> bool {
+    bodies_and_handles(mesh) == [1, 0]
+}
+
+/// The border of the solid that points with outward normals enclose: the level set of the weakest blur of
+/// which the topology is the wanted one, or that of the next blur as well.
+///
+/// # Errors
+/// `Undetermined` if the topology depends on the blur, or is the wanted one at none.
+pub(super) fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Result<TriangleMesh> {
     let indicator = Indicator::on_grid(points, normals, grid_cells(points)?);
     let mut before: Option<(TriangleMesh, [usize; 2])> = None;
     let mut all_handles = Vec::new();
