@@ -47,8 +47,9 @@ const DIRECTIONS: [usize; 2] = [16, 8];
 
 /// The starting surface, over a base grid whose sides are multiples of `multiple`.
 ///
-/// A ball grows into the solid that the points enclose and is refined on the way, unless that is star-shaped;
-/// other shapes are draped over the points.
+/// Over a ball, points that enclose a solid with handles, or several bodies, get a surface over quads. A ball
+/// that is not star-shaped grows into the solid and is refined on the way; if it folds, it lies over quads.
+/// Other shapes are draped over the points.
 ///
 /// # Errors
 /// `Undetermined` if the readings determine no shape; `Input` if the shape takes more coefficients than

@@ -25,7 +25,7 @@ pub(super) struct Folds {
     pub places: Vec<(usize, [f64; 2])>,
     /// Share of the area of the leaves, of those pairs of which at least one holds readings.
     pub area_fraction: f64,
-    /// Middle of the place with the lowest leaf.
+    /// A corner of the first of the triangles.
     pub example: DVec3,
 }
 

@@ -131,7 +131,7 @@ pub struct GlobalOptions {
     /// [`Fit::formation`](super::Fit).
     pub snapshots: Option<usize>,
     /// Number of handles of a closed object, which are the holes through it (default: as many as the readings
-    /// show). A number above zero overrides the shape.
+    /// show). It overrides the shape, and a ball lies over quads.
     pub genus: Option<usize>,
 }
 

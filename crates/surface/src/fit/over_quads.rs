@@ -1,7 +1,6 @@
 //! Starting surfaces of any topology, over a mesh of quads.
 //!
-//! Input: oriented points. Output: a surface on the level set of their indicator, if they enclose a solid
-//! with handles or several bodies.
+//! Input: oriented points. Output: the level set of their indicator, and a surface on it.
 //!
 //! Strong blur closes holes and joins bodies, weak blur makes handles of noise. The topology that stays the
 //! same from one blur to the next is taken, that of the weakest blur first.

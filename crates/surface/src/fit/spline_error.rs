@@ -98,6 +98,9 @@ fn weighted_variances(surface: &Surface, changes: &[[Changes; 2]], factors: [f64
 
 /// For each leaf the number of the first leaf of its cell. Cells at extraordinary vertices have several.
 fn first_leaves(space: &Hierarchy) -> Vec<usize> {
+    if space.domain().is_none() {
+        return (0..space.leaves().len()).collect();
+    }
     let mut first = BTreeMap::new();
     (0..space.leaves().len()).map(|leaf| *first.entry(space.cell_of_leaf(leaf)).or_insert(leaf)).collect()
 }
