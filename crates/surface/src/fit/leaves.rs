@@ -48,6 +48,11 @@ pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
     observed
 }
 
+/// True for a leaf that is one of the pieces of a cell at an extraordinary vertex.
+pub(super) fn is_piece(space: &Hierarchy, leaf: usize) -> bool {
+    space.cell_of_leaf(leaf) != space.leaves()[leaf]
+}
+
 /// Area of each leaf.
 pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
     // Areas are collected in the order of leaves, so sums over them do not depend on the threads.

@@ -9,6 +9,7 @@
 //! refinement follows them.
 
 use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
+use super::leaves::is_piece;
 use super::options::Handles;
 use crate::layout::{Layout, mesh_of};
 use planish_core::DVec3;
@@ -137,13 +138,12 @@ fn interpolating(layout: Layout) -> Result<Surface> {
 /// The surface with the cells at extraordinary vertices divided.
 ///
 /// The spline follows shape there with a lower order than elsewhere: on two rings of 60,000 readings, cells
-/// as large as the others missed the shape by σ, and 95 % intervals covered 0.72 to 0.75. Divided twice, they
-/// covered 0.93 (decision 0113).
+/// as large as the others missed the shape by σ, and 95 % intervals covered 0.72 to 0.75. Divided twice,
+/// they covered 0.93 (decision 0113).
 fn divided_at_vertices(mut surface: Surface) -> Result<Surface> {
     for _ in 0..VERTEX_DIVISIONS {
         let space = surface.space();
-        let at_vertex = |leaf: &usize| space.cell_of_leaf(*leaf) != space.leaves()[*leaf];
-        let marked: Vec<usize> = (0..space.leaves().len()).filter(at_vertex).collect();
+        let marked: Vec<usize> = (0..space.leaves().len()).filter(|&leaf| is_piece(space, leaf)).collect();
         surface = surface.refined(Arc::new(space.refine(&marked)))?;
     }
     Ok(surface)

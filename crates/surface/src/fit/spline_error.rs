@@ -23,7 +23,7 @@
 //! monospline of degree four.
 
 use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit, all_corners};
-use super::leaves::{leaf_areas, neighbourhood};
+use super::leaves::{is_piece, leaf_areas, neighbourhood};
 use crate::observe::{Foot, FootState, Quantity};
 use crate::subdivision::Cause;
 use planish_core::DVec3;
@@ -87,7 +87,7 @@ fn weighted_variances(surface: &Surface, changes: &[[Changes; 2]], factors: [f64
         })
         .collect();
     let first = first_leaves(surface.space());
-    let pieces = || (0..first.len()).filter(|&leaf| is_piece(surface, leaf));
+    let pieces = || (0..first.len()).filter(|&leaf| is_piece(surface.space(), leaf));
     for leaf in pieces() {
         let around = neighbourhood(surface.space(), leaf).into_iter().map(|k| variances[k]);
         variances[first[leaf]] = around.fold(variances[first[leaf]], f64::max);
@@ -103,11 +103,6 @@ fn first_leaves(space: &Hierarchy) -> Vec<usize> {
     }
     let mut first = BTreeMap::new();
     (0..space.leaves().len()).map(|leaf| *first.entry(space.cell_of_leaf(leaf)).or_insert(leaf)).collect()
-}
-
-/// True for a leaf that is one of the pieces of a cell at an extraordinary vertex.
-fn is_piece(surface: &Surface, leaf: usize) -> bool {
-    surface.space().cell_of_leaf(leaf) != surface.space().leaves()[leaf]
 }
 
 /// Leaves that miss more than σ of the surface there, worst first.
@@ -170,7 +165,7 @@ impl Changes {
             let (other, at_other) = space.locate_near(leaf, local);
             // Beyond an open border is the leaf itself. Third derivatives of the leaves at an extraordinary
             // vertex change in any case.
-            if other == leaf || [leaf, other].iter().any(|&own| is_piece(surface, own)) {
+            if other == leaf || [leaf, other].iter().any(|&own| is_piece(space, own)) {
                 return None;
             }
             // The parameters of another quad may run along other directions.
