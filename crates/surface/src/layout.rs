@@ -2,36 +2,48 @@
 //!
 //! Input: a closed triangle mesh. Output: a [`QuadDomain`] with a position on the mesh for each vertex.
 //!
-//! A harmonic function between two far points of a component has no other extremum and `2 g` saddles. Its
-//! contours are rings; between critical values they form cylinders (the arcs of the Reeb graph). Each
-//! cylinder has a number of columns that stays the same from one end to the other. At a saddle one ring
-//! becomes two, or two become one. The three rings meet along a line through the saddle, both ends of which
-//! have six quads. A square grid of quads closes each end of the function, with four corners that have
-//! three quads. So there are `8 + 4 g` extraordinary vertices.
+//! Each vertex of the mesh gets a square lattice in its tangent plane, and lattices of neighbours are made to
+//! agree. Edges of the mesh then are whole steps from one lattice to the next, which are closed around
+//! triangles. Where edges have no steps, vertices become one; what is left are halves of squares. All changes
+//! keep a closed manifold of the same topology, so the layout has the genus of the mesh whatever the field of
+//! lattices is like. It decides how square and how regular the quads are.
 //!
 //! | module | purpose |
 //! |---|---|
-//! | contours | the function, its critical points and rings |
-//! | rings | vertices and quads |
+//! | simplification | coarser meshes, on which large squares are found faster |
+//! | lattice, field | lattices that agree |
+//! | closure | whole steps along edges |
+//! | faces, decimation | one vertex for each lattice position |
+//! | quads | quads from triangles, and fewer extraordinary vertices |
 //! | relaxation | even quads on the mesh |
 //!
-//! Not guaranteed: quads that are about square. Long thin parts away from both ends have few, long ones.
+//! Not guaranteed: the number of quads and of extraordinary vertices, and quads in parts that are thinner than
+//! they are.
 //!
 //! # References
-//! Dong, Kircher, Garland, *Harmonic functions for quadrilateral remeshing of arbitrary manifolds*, CAGD
-//! 2005.
+//! Jakob, Tarini, Panozzo, Sorkine-Hornung, *Instant field-aligned meshes*, 2015; Huang, Zhou, Niessner,
+//! Shewchuk, Guibas, *QuadriFlow: a scalable and robust method for quadrangulation*, 2018.
 
-mod contours;
+mod closure;
+mod decimation;
+mod faces;
+mod field;
+mod lattice;
+mod quads;
 mod relaxation;
-mod rings;
+mod simplification;
 #[cfg(test)]
 mod tests;
 
-use contours::Contours;
+use closure::Steps;
+use decimation::Decimation;
+use field::lattices;
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::QuadDomain;
+use simplification::simplified;
+use std::collections::HashMap;
 
 /// A domain with the positions of its vertices.
 #[derive(Debug, Clone)]
@@ -42,69 +54,190 @@ pub struct Layout {
     pub positions: Vec<DVec3>,
 }
 
-/// Edges from the middle of a cap to its sides in the finest layout.
-const FINEST_CAP: usize = 4;
-/// Attempts with different ends of the function, if it has critical points that are no simple saddles.
-const ATTEMPTS: usize = 8;
+/// Edges of the mesh on which squares are found, in units of their side.
+const SHORTEST_EDGE: f64 = 0.25;
+const LONGEST_EDGE: f64 = 0.5;
+/// Vertices of the coarsest mesh, at most.
+const COARSEST: usize = 400;
+/// Quads of a component, at least.
+const MIN_QUADS: usize = 24;
 
-impl Layout {
-    /// A domain that covers a closed mesh, with about `max_quads` at most where that is possible.
+/// A closed mesh on which layouts are made.
+pub struct LayoutMesh {
+    /// One for each component.
+    parts: Vec<Part>,
+    area: f64,
+    most: usize,
+    mesh: TriangleMesh,
+    search: MeshSearch,
+}
+
+/// A component of the mesh.
+struct Part {
+    area: f64,
+    /// The component with its shortest edges, from fine to coarse.
+    meshes: Vec<(f64, TriangleMesh)>,
+}
+
+impl LayoutMesh {
+    /// Prepares a mesh for layouts of `most` quads or fewer.
     ///
     /// # Errors
-    /// `Input` for meshes with borders or of other than manifold topology; `Undetermined` if no harmonic
-    /// function with simple saddles was found.
-    ///
-    /// # Examples
-    /// ```
-    /// use planish_mesh::icosphere;
-    /// use planish_surface::layout::Layout;
-    /// let layout = Layout::on_mesh(&icosphere(10.0, 4), 500)?;
-    /// assert_eq!((layout.domain.genus(), layout.domain.extraordinary_vertices().len()), (0, 8));
-    /// assert!(layout.positions.iter().all(|p| (p.length() - 10.0).abs() < 0.1));
-    /// # Ok::<(), planish_estimate::Error>(())
-    /// ```
-    pub fn on_mesh(mesh: &TriangleMesh, max_quads: usize) -> Result<Self> {
+    /// `Input` for meshes with borders or of other than manifold topology.
+    pub fn new(mesh: TriangleMesh, most: usize) -> Result<Self> {
         let check = mesh.check();
         if !(check.watertight && check.manifold && check.oriented) {
             return Err(Error::input("a layout needs a closed manifold mesh with one orientation"));
         }
-        let (parts, area) = (mesh.parts(), mesh.area());
-        let (mut quads, mut positions) = (Vec::new(), Vec::new());
-        for part in 0..check.components as u32 {
-            let own = mesh_of(mesh, |index| parts[index] == part)?;
-            let made = (0..ATTEMPTS).find_map(|attempt| Contours::of_harmonic(&own, attempt).transpose());
-            let contours = made.transpose()?.ok_or_else(|| {
-                Error::undetermined("no function with simple saddles was found on the surface")
-            })?;
-            let most = own.area() / area * max_quads as f64;
-            let along = rings::lengths(&contours);
-            let mut cap = FINEST_CAP;
-            let (own_quads, mut own_positions) = loop {
-                let made = rings::quads_along(&contours, &along, cap)?;
-                if cap == 1 || made.0.len() as f64 <= most {
-                    break made;
-                }
-                cap -= 1;
-            };
-            let domain = QuadDomain::new(&own_quads)?;
-            relaxation::relax(&domain, &mut own_positions, &MeshSearch::try_new(&own)?);
-            let first = positions.len() as u32;
-            quads.extend(own_quads.iter().map(|quad| quad.map(|v| v + first)));
-            positions.extend(own_positions);
-        }
-        Ok(Self { domain: QuadDomain::new(&quads)?, positions })
+        let (numbers, area, most) = (mesh.parts(), mesh.area(), most.max(1));
+        let finest = (area / most as f64).sqrt();
+        let part = |number: u32| Part::new(mesh_of(&mesh, |index| numbers[index] == number)?, finest);
+        let parts = (0..check.components as u32).map(part).collect::<Result<_>>()?;
+        Ok(Self { parts, area, most, search: MeshSearch::try_new(&mesh)?, mesh })
     }
 
-    /// The layout with each quad divided into four, and its vertices on the mesh.
+    /// The mesh.
+    #[must_use]
+    pub fn mesh(&self) -> &TriangleMesh {
+        &self.mesh
+    }
+
+    /// Largest number of quads.
+    #[must_use]
+    pub fn most(&self) -> usize {
+        self.most
+    }
+
+    /// A layout of about the wanted number of quads.
+    ///
+    /// # Errors
+    /// `Undetermined` if triangles are left that no change of the mesh turns into quads.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_mesh::icosphere;
+    /// use planish_surface::layout::LayoutMesh;
+    /// let layout = LayoutMesh::new(icosphere(10.0, 4), 200)?.layout(100)?;
+    /// assert_eq!(layout.domain.genus(), 0);
+    /// assert!((80..130).contains(&layout.domain.cells().len()));
+    /// assert!(layout.positions.iter().all(|p| (p.length() - 10.0).abs() < 0.1));
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    pub fn layout(&self, quads: usize) -> Result<Layout> {
+        let side = (self.area / quads.clamp(1, self.most) as f64).sqrt();
+        let (mut cells, mut positions) = (Vec::new(), Vec::new());
+        for part in &self.parts {
+            let own = part.layout(side, &self.search)?;
+            let first = positions.len() as u32;
+            cells.extend(own.domain.cells().iter().map(|quad| quad.map(|v| v + first)));
+            positions.extend(own.positions);
+        }
+        Ok(Layout { domain: QuadDomain::new(&cells)?, positions })
+    }
+
+    /// A layout with each quad divided into four, with its vertices on the mesh.
     ///
     /// # Errors
     /// As for [`QuadDomain::divided`].
-    pub fn divided(&self, mesh: &MeshSearch) -> Result<Self> {
-        let division = self.domain.divided()?;
-        let mut positions = division.apply(&self.positions);
-        relaxation::relax(&division.domain, &mut positions, mesh);
-        Ok(Self { domain: division.domain, positions })
+    pub fn divided(&self, layout: &Layout) -> Result<Layout> {
+        let division = layout.domain.divided()?;
+        let mut positions = division.apply(&layout.positions);
+        relaxation::relax(&division.domain, &mut positions, &self.search);
+        Ok(Layout { domain: division.domain, positions })
     }
+}
+
+impl Part {
+    fn new(mesh: TriangleMesh, finest: f64) -> Result<Self> {
+        let area = mesh.area();
+        let mut shortest = SHORTEST_EDGE * finest;
+        let mut meshes =
+            vec![(shortest, simplified(&with_short_edges(mesh, LONGEST_EDGE * finest)?, shortest)?)];
+        loop {
+            let finer = &meshes[meshes.len() - 1].1;
+            shortest *= 2.0;
+            let mesh = simplified(finer, shortest)?;
+            // Where edges can not be collapsed any more, the topology would change.
+            if mesh.positions.len() < COARSEST || 2 * mesh.positions.len() > finer.positions.len() {
+                break;
+            }
+            meshes.push((shortest, mesh));
+        }
+        Ok(Self { area, meshes })
+    }
+
+    fn layout(&self, side: f64, search: &MeshSearch) -> Result<Layout> {
+        // A small component would collapse under large squares.
+        let side = side.min((self.area / MIN_QUADS as f64).sqrt());
+        let is_fine = |(shortest, _): &&(f64, TriangleMesh)| *shortest <= SHORTEST_EDGE * side;
+        let (_, mesh) = self.meshes.iter().rev().find(is_fine).unwrap_or(&self.meshes[0]);
+        let lattices = lattices(mesh, side);
+        let opposite = opposites(mesh)?;
+        let mut steps = Steps::new(mesh, &opposite, &lattices);
+        steps.close();
+        let mut coarse = Decimation::new(mesh, lattices, &steps);
+        coarse.space_evenly(search);
+        let mut positions = coarse.positions();
+        if !quads::pair(&mut coarse, &positions) {
+            return Err(Error::undetermined("no mesh of quads was found on the surface"));
+        }
+        quads::even_out(&mut coarse.faces, &mut positions);
+        let (cells, mut positions) = coarse.faces.numbered(&positions);
+        let domain = QuadDomain::new(&cells)?;
+        relaxation::relax(&domain, &mut positions, search);
+        Ok(Layout { domain, positions })
+    }
+}
+
+/// The mesh with its long edges halved until all are short.
+fn with_short_edges(mut mesh: TriangleMesh, longest: f64) -> Result<TriangleMesh> {
+    loop {
+        let is_long = |a: u32, b: u32| {
+            mesh.positions[a as usize].distance_squared(mesh.positions[b as usize]) > longest * longest
+        };
+        let mut positions = mesh.positions.clone();
+        let mut middles: HashMap<(u32, u32), u32> = HashMap::new();
+        let mut triangles = Vec::with_capacity(mesh.triangles.len());
+        for &[a, b, c] in &mesh.triangles {
+            let middle = [(a, b), (b, c), (c, a)].map(|(a, b)| {
+                is_long(a, b).then(|| {
+                    *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                        positions.push(0.5 * (mesh.positions[a as usize] + mesh.positions[b as usize]));
+                        positions.len() as u32 - 1
+                    })
+                })
+            });
+            divide([a, b, c], middle, &mut triangles);
+        }
+        if middles.is_empty() {
+            return Ok(mesh);
+        }
+        mesh = TriangleMesh::try_new(positions, triangles)?;
+    }
+}
+
+/// Adds the parts of a triangle with the middles of some of its edges.
+fn divide([a, b, c]: [u32; 3], middles: [Option<u32>; 3], triangles: &mut Vec<[u32; 3]>) {
+    match middles {
+        [None, None, None] => triangles.push([a, b, c]),
+        [Some(x), Some(y), Some(z)] => triangles.extend([[a, x, z], [x, b, y], [z, y, c], [x, y, z]]),
+        [Some(x), None, None] => triangles.extend([[a, x, c], [x, b, c]]),
+        [Some(x), Some(y), None] => triangles.extend([[x, b, y], [a, x, y], [a, y, c]]),
+        // The others are these, with another first corner.
+        [x, y, z] => divide([b, c, a], [y, z, x], triangles),
+    }
+}
+
+/// The half edge in the other direction, for each one.
+fn opposites(mesh: &TriangleMesh) -> Result<Vec<u32>> {
+    let ends = |h: usize| (mesh.triangles[h / 3][h % 3], mesh.triangles[h / 3][(h + 1) % 3]);
+    let half_edges = 3 * mesh.triangles.len();
+    let of_ends: HashMap<(u32, u32), u32> = (0..half_edges).map(|h| (ends(h), h as u32)).collect();
+    let opposite = |h: usize| {
+        let (a, b) = ends(h);
+        of_ends.get(&(b, a)).copied().ok_or_else(|| Error::input(format!("edge {a}, {b} is on a border")))
+    };
+    (0..half_edges).map(opposite).collect()
 }
 
 /// The mesh of some triangles, chosen by their numbers, without the vertices of others.

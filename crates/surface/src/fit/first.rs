@@ -66,7 +66,7 @@ pub(super) fn first_surface(
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
     if let Some(handles @ Handles::Exactly(_)) = options.handles() {
         progress.check("topology", 0.02)?;
-        return surface_over_quads(&enclosing_mesh(&points, &normals, handles)?, size);
+        return surface_over_quads(enclosing_mesh(&points, &normals, handles)?, size);
     }
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // In a small cloud, more cells would hold fewer than six readings each.
@@ -81,7 +81,7 @@ pub(super) fn first_surface(
         progress.check("topology", 0.04)?;
         enclosing = if_determined(enclosing_mesh(&points, &normals, handles))?;
     }
-    if let Some(mesh) = enclosing.as_ref().filter(|mesh| !is_ball(mesh))
+    if let Some(mesh) = enclosing.take_if(|mesh| !is_ball(mesh))
         && let Some(surface) = if_determined(surface_over_quads(mesh, size))?
     {
         return Ok(surface);
@@ -104,7 +104,7 @@ pub(super) fn first_surface(
         let grown = grow(&base, grid, levels, &points, &indicator, &|share| {
             progress.check("growing", 0.05 + 0.35 * share)
         })?;
-        let over_quads = |mesh: TriangleMesh| if_determined(surface_over_quads(&mesh, size));
+        let over_quads = |mesh: TriangleMesh| if_determined(surface_over_quads(mesh, size));
         less_folded(grown, || enclosing.map_or(Ok(None), over_quads))
     } else {
         let whole = size * (1 + observations.intake.later_batches);

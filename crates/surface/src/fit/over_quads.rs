@@ -9,14 +9,15 @@
 //! refinement follows them.
 
 use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
-use super::leaves::is_piece;
+use super::leaves::{is_piece, leaf_areas};
 use super::options::Handles;
-use crate::layout::{Layout, mesh_of};
+use crate::layout::{Layout, LayoutMesh, mesh_of};
 use planish_core::DVec3;
-use planish_estimate::{Error, Result};
-use planish_mesh::{TriangleMesh, isosurface};
+use planish_estimate::{Error, ErrorKind, Result};
+use planish_mesh::{MeshSearch, TriangleMesh, isosurface};
 use planish_sense::Neighbourhoods;
-use planish_spline::{Hierarchy, Surface};
+use planish_spline::{Hierarchy, Surface, TessellationOptions, tessellate};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Most grid cells along each side. A complex grid then takes 113 MB.
@@ -27,25 +28,193 @@ const CELL_STEP: usize = 32;
 const NEIGHBOURS: usize = 6;
 /// Readings for each quad, at least. With six, 95 % intervals of chains of rings covered 0.88 to 0.93.
 const READINGS_PER_QUAD: usize = 3;
+/// Quads of the first layout, before each is divided into four.
+const FEWEST_QUADS: usize = 64;
+/// A starting surface is near its mesh at this distance, in edges of the mesh, at all but a share of its
+/// vertices. At most this number of them are tested.
+const NEAR: f64 = 0.5;
+const MAX_MISSED: f64 = 0.01;
+const MAX_TESTED: usize = 10_000;
 /// Blurs, in units of the weakest that the grid can represent.
 const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
 /// Smallest body, as a share of the volume of all.
 const MIN_BODY: f64 = 0.01;
-/// Divisions of the cells at extraordinary vertices, and readings of a quad that allow them.
-const VERTEX_DIVISIONS: usize = 2;
-const READINGS_TO_DIVIDE: usize = 8;
+/// Divisions of the cells at extraordinary vertices at most, and readings of a cell that is divided.
+const VERTEX_DIVISIONS: usize = 4;
+const READINGS_TO_DIVIDE: f64 = 2.0;
+/// Divisions of a layout of which positions are taken.
+const MAX_DEPTH: usize = 3;
+/// Most divisions along a side of a leaf for a mesh of the surface.
+const MAX_DIVISIONS: u32 = 4;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
 /// A surface over quads on a closed mesh that is drawn from a sample of `readings` points.
 ///
+/// Layouts have more and more quads, until a surface is near the mesh and does not pass through itself. The
+/// best of all is taken if none is.
+///
 /// # Errors
-/// As for [`Layout::on_mesh`].
-pub(super) fn surface_over_quads(mesh: &TriangleMesh, readings: usize) -> Result<Surface> {
-    let layout = Layout::on_mesh(mesh, readings / READINGS_PER_QUAD)?;
-    let is_dense = readings >= READINGS_TO_DIVIDE * layout.domain.cells().len();
-    let surface = interpolating(layout)?;
-    if is_dense { divided_at_vertices(surface) } else { Ok(surface) }
+/// As for [`LayoutMesh::layout`].
+pub(super) fn surface_over_quads(mesh: TriangleMesh, readings: usize) -> Result<Surface> {
+    // Each quad is divided into four.
+    let meshed = LayoutMesh::new(mesh, (readings / READINGS_PER_QUAD / 4).max(FEWEST_QUADS))?;
+    let mut best: Option<(f64, Surface)> = None;
+    let mut quads = FEWEST_QUADS;
+    loop {
+        let is_last = quads >= meshed.most();
+        match Draft::new(&meshed, quads, readings).and_then(|draft| draft.surface(meshed.mesh())) {
+            Ok(surface) => {
+                let defect = defect(&surface, meshed.mesh())?;
+                let is_near = defect <= MAX_MISSED;
+                if best.as_ref().is_none_or(|(least, _)| defect < *least) {
+                    best = Some((defect, surface));
+                }
+                if is_near {
+                    break;
+                }
+            }
+            Err(error) if error.kind() != ErrorKind::Undetermined || is_last && best.is_none() => {
+                return Err(error);
+            }
+            Err(_) => {}
+        }
+        if is_last {
+            break;
+        }
+        quads += quads / 2;
+    }
+    let (_, surface) = best.ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
+    divided_at_vertices(surface, readings)
+}
+
+/// Share of the vertices of a mesh that are not near a surface, and 1 more if it passes through itself.
+fn defect(surface: &Surface, mesh: &TriangleMesh) -> Result<f64> {
+    let reach = NEAR * edge_of(mesh);
+    let made = tessellate(surface, &TessellationOptions { tolerance: reach, max_divisions: MAX_DIVISIONS })?;
+    let search = MeshSearch::try_new(&TriangleMesh::try_new(made.positions, made.triangles)?)?;
+    let step = mesh.positions.len().div_ceil(MAX_TESTED).max(1);
+    let tested: Vec<DVec3> = mesh.positions.iter().copied().step_by(step).collect();
+    let near = search.closest_all_within(&tested, reach).iter().flatten().count();
+    let missed = (tested.len() - near) as f64 / tested.len().max(1) as f64;
+    Ok(if search.crossing_pairs().is_empty() { missed } else { 1.0 + missed })
+}
+
+/// Length of an edge of triangles of the mean area, if two of them were a square.
+fn edge_of(mesh: &TriangleMesh) -> f64 {
+    (2.0 * mesh.area() / mesh.triangles.len().max(1) as f64).sqrt()
+}
+
+/// A layout, and its divisions with their vertices on the mesh.
+struct Draft {
+    layouts: Vec<Layout>,
+}
+
+impl Draft {
+    fn new(meshed: &LayoutMesh, quads: usize, readings: usize) -> Result<Self> {
+        // Divided once, since no cell can have two extraordinary vertices.
+        let mut layouts = vec![meshed.divided(&meshed.layout(quads)?)?];
+        let cells = |layout: &Layout| layout.domain.cells().len();
+        while layouts.len() <= MAX_DEPTH
+            && 4 * cells(&layouts[layouts.len() - 1]) <= readings / READINGS_PER_QUAD
+        {
+            layouts.push(meshed.divided(&layouts[layouts.len() - 1])?);
+        }
+        Ok(Self { layouts })
+    }
+
+    /// The surface over the layout that passes through positions of the finest division, with cells divided
+    /// where it is not near others.
+    fn surface(&self, mesh: &TriangleMesh) -> Result<Surface> {
+        let reach = NEAR * edge_of(mesh);
+        let first = &self.layouts[0];
+        let space = Arc::new(Hierarchy::over(Arc::new(first.domain.clone()))?);
+        let mut surface = self.interpolating(Surface::new(space, first.positions.clone())?)?;
+        for _ in 1..self.layouts.len() {
+            let marked = self.missed(&surface, reach);
+            if marked.is_empty() {
+                break;
+            }
+            let finer = Arc::new(surface.space().refine(&marked));
+            surface = self.interpolating(surface.refined(finer)?)?;
+        }
+        Ok(surface)
+    }
+
+    /// Leaves in which vertices of the finest division are further from the surface than `reach`, along its
+    /// normal.
+    fn missed(&self, surface: &Surface, reach: f64) -> Vec<usize> {
+        let depth = self.layouts.len() - 1;
+        let finest = &self.layouts[depth];
+        let side = 1.0 / (1_u32 << depth) as f64;
+        let mut marked: Vec<usize> = (0..finest.domain.cells().len())
+            .into_par_iter()
+            .filter_map(|cell| {
+                let (quad, [x, y]) = place_of(cell, depth);
+                // The first corner, from inside of the cell.
+                let (leaf, local) = surface.space().locate(quad as f64 + x + 1e-9 * side, y + 1e-9 * side);
+                let wanted = finest.positions[finest.domain.cells()[cell][0] as usize];
+                let gap = wanted - surface.leaf_point(leaf, local[0], local[1]);
+                let is_coarse = usize::from(surface.space().cell_of_leaf(leaf).level) < depth;
+                let jet = surface.leaf_jet(leaf, local[0], local[1]);
+                let off = jet.normal().map_or(gap.length(), |n| gap.dot(n).abs());
+                (is_coarse && off > reach).then_some(leaf)
+            })
+            .collect();
+        marked.sort_unstable();
+        marked.dedup();
+        marked
+    }
+
+    /// The surface with its nodes moved until it passes through the positions at their anchors.
+    ///
+    /// Richardson iteration `c ← c + x − S(ξ)`, as in [`planish_spline::fit_function`].
+    fn interpolating(&self, mut surface: Surface) -> Result<Surface> {
+        let space = Arc::clone(surface.space());
+        let wanted: Vec<DVec3> = space.node_anchors().iter().map(|&anchor| self.position(anchor)).collect();
+        for _ in 0..INTERPOLATION_STEPS {
+            let moved = surface.vertices().iter().zip(space.node_anchors()).zip(&wanted);
+            let vertices = moved.map(|((vertex, &[u, v]), wanted)| *vertex + *wanted - surface.point(u, v));
+            surface = surface.with_vertices(vertices.collect())?;
+        }
+        Ok(surface)
+    }
+
+    /// The position on the mesh of parameters at a vertex of any division.
+    fn position(&self, [u, v]: [f64; 2]) -> DVec3 {
+        let depth = self.layouts.len() - 1;
+        let scale = (1_u32 << depth) as f64;
+        let quad = u.floor();
+        // Anchors at the far side of a quad are a rounding error before it.
+        let [mut x, mut y] = [u - quad, v].map(|t| (t * scale).round() as u32);
+        let mut cell = quad as usize;
+        for level in (0..depth).rev() {
+            let half = 1 << level;
+            let quarter = [u32::from(x > half), u32::from(y > half)];
+            cell = 4 * cell + corner_number(quarter);
+            (x, y) = (x - half * quarter[0], y - half * quarter[1]);
+        }
+        let finest = &self.layouts[depth];
+        finest.positions[finest.domain.cells()[cell][corner_number([x, y])] as usize]
+    }
+}
+
+/// Number of a corner of a quad by its place, counter-clockwise; quarters have the numbers of their corners.
+fn corner_number([x, y]: [u32; 2]) -> usize {
+    [[0, 3], [1, 2]][x as usize][y as usize]
+}
+
+/// The quad of which a cell is part after divisions, and the place of its first corner.
+fn place_of(cell: usize, depth: usize) -> (usize, [f64; 2]) {
+    const PLACES: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let (mut quad, mut side, mut at) = (cell, 1.0 / (1_u32 << depth) as f64, [0.0; 2]);
+    for _ in 0..depth {
+        let place = PLACES[quad % 4];
+        at = [at[0] + side * place[0], at[1] + side * place[1]];
+        side *= 2.0;
+        quad /= 4;
+    }
+    (quad, at)
 }
 
 /// True if a closed mesh has one component without handles.
@@ -120,30 +289,21 @@ fn level_set(field: &BlurredIndicator, level: f64, cell: f64) -> Result<Triangle
     mesh_of(&mesh, |index| volumes[parts[index] as usize] >= MIN_BODY * all)
 }
 
-/// The surface over a layout that passes through the positions of its vertices.
-///
-/// Richardson iteration `c ← c + x − S(ξ)`, as in [`planish_spline::fit_function`].
-fn interpolating(layout: Layout) -> Result<Surface> {
-    let space = Arc::new(Hierarchy::over(Arc::new(layout.domain))?);
-    // The nodes of an unrefined hierarchy are the vertices of the domain.
-    let mut surface = Surface::new(Arc::clone(&space), layout.positions.clone())?;
-    for _ in 0..INTERPOLATION_STEPS {
-        let moved = surface.vertices().iter().zip(space.node_anchors()).zip(&layout.positions);
-        let vertices = moved.map(|((vertex, &[u, v]), wanted)| *vertex + *wanted - surface.point(u, v));
-        surface = surface.with_vertices(vertices.collect())?;
-    }
-    Ok(surface)
-}
-
-/// The surface with the cells at extraordinary vertices divided.
+/// The surface with the cells at extraordinary vertices divided, while they hold enough readings.
 ///
 /// The spline follows shape there with a lower order than elsewhere: on two rings of 60,000 readings, cells
 /// as large as the others missed the shape by σ, and 95 % intervals covered 0.72 to 0.75. Divided twice,
 /// they covered 0.93 (decision 0113).
-fn divided_at_vertices(mut surface: Surface) -> Result<Surface> {
+fn divided_at_vertices(mut surface: Surface, readings: usize) -> Result<Surface> {
     for _ in 0..VERTEX_DIVISIONS {
         let space = surface.space();
-        let marked: Vec<usize> = (0..space.leaves().len()).filter(|&leaf| is_piece(space, leaf)).collect();
+        let areas = leaf_areas(&surface);
+        let all: f64 = areas.iter().sum();
+        // Each cell has sixteen pieces.
+        let in_cell = |leaf: usize| 16.0 * readings as f64 * areas[leaf] / all;
+        let marked: Vec<usize> = (0..areas.len())
+            .filter(|&leaf| is_piece(space, leaf) && in_cell(leaf) >= READINGS_TO_DIVIDE)
+            .collect();
         surface = surface.refined(Arc::new(space.refine(&marked)))?;
     }
     Ok(surface)

@@ -9,8 +9,9 @@ use planish_core::vector3::tangents;
 use planish_mesh::MeshSearch;
 use planish_spline::QuadDomain;
 use rayon::prelude::*;
+use std::f64::consts::FRAC_PI_2;
 
-const ROUNDS: usize = 100;
+const ROUNDS: usize = 20;
 /// Share of the way to the mean of the corners of squares.
 const STEP: f64 = 0.7;
 /// Smallest square, as a share of the mean distance of the corners from the middle of their quad.
@@ -24,7 +25,14 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &Mesh
     for (q, quad) in domain.cells().iter().enumerate() {
         (0..4).for_each(|k| corners_of[quad[k] as usize].push((q, k)));
     }
-    let mut on: Vec<(DVec3, DVec3)> = positions.par_iter().map(|p| nearest(mesh, *p)).collect();
+    let mut normals = vec![DVec3::ZERO; positions.len()];
+    for quad in domain.cells() {
+        let [a, b, c, d] = quad.map(|v| positions[v as usize]);
+        let normal = (c - a).cross(d - b);
+        quad.iter().for_each(|&v| normals[v as usize] += normal);
+    }
+    let mut on: Vec<(DVec3, DVec3)> =
+        positions.par_iter().zip(&normals).map(|(&p, &normal)| nearest(mesh, p, normal)).collect();
     for _ in 0..ROUNDS {
         let squares: Vec<[DVec3; 4]> =
             domain.cells().par_iter().map(|quad| square_near(quad.map(|v| on[v as usize]))).collect();
@@ -36,16 +44,19 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &Mesh
                 let mean = own.iter().map(|&(q, k)| squares[q][k]).sum::<DVec3>() / own.len() as f64;
                 // Without its part along the normal, the step stays near this side of a thin part.
                 let step = STEP * (mean - at);
-                nearest(mesh, at + step - step.dot(normal) * normal)
+                nearest(mesh, at + step - step.dot(normal) * normal, normal)
             })
             .collect();
     }
     *positions = on.into_iter().map(|(point, _)| point).collect();
 }
 
-/// The point of a mesh nearest to a position, with its normal.
-fn nearest(mesh: &MeshSearch, position: DVec3) -> (DVec3, DVec3) {
-    mesh.closest(position).map_or((position, DVec3::ZERO), |on| (on.point, on.normal))
+/// The point of a mesh nearest to a position, on triangles that face the side of a normal, with its own
+/// normal. The other side of a thin part is nearer to positions beneath the surface.
+fn nearest(mesh: &MeshSearch, position: DVec3, normal: DVec3) -> (DVec3, DVec3) {
+    (mesh.closest_compatible(position, normal, FRAC_PI_2))
+        .or_else(|| mesh.closest(position))
+        .map_or((position, normal), |on| (on.point, on.normal))
 }
 
 /// The corners of the square nearest to those of a quad, in the plane across their mean normal.

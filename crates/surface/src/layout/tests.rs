@@ -25,25 +25,30 @@ fn chain(count: usize) -> TriangleMesh {
     surface_of(|p| nearest(p) - 0.35, count as f64 + 0.6, 0.09)
 }
 
-fn check(mesh: &TriangleMesh, genus: usize, max_quads: usize) {
-    let layout = Layout::on_mesh(mesh, max_quads).unwrap();
+/// Layouts have the topology of the mesh, no quad is turned over, and few vertices are extraordinary.
+fn check(mesh: TriangleMesh, genus: usize, quads: usize) {
+    let meshed = LayoutMesh::new(mesh, quads).unwrap();
+    let layout = meshed.layout(quads).unwrap();
     assert_eq!((layout.domain.genus(), layout.domain.components()), (genus, 1));
-    assert_eq!(layout.domain.extraordinary_vertices().len(), 8 + 4 * genus);
-    let search = MeshSearch::try_new(mesh).unwrap();
-    let finer = layout.divided(&search).unwrap();
+    let extraordinary = layout.domain.extraordinary_vertices().len();
+    assert!(extraordinary <= 16 + 16 * genus, "{extraordinary} extraordinary vertices, genus {genus}");
+    let count = layout.domain.cells().len();
+    assert!((quads / 2..2 * quads).contains(&count), "{count} quads");
+    let finer = meshed.divided(&layout).unwrap();
     for quad in finer.domain.cells() {
         let [a, b, c, d] = quad.map(|v| finer.positions[v as usize]);
         let normal = (c - a).cross(d - b);
-        let on = search.closest(0.25 * (a + b + c + d)).unwrap();
+        let on = meshed.search.closest(0.25 * (a + b + c + d)).unwrap();
         assert!(normal.dot(on.normal) > 0.0, "a quad at {:?} is turned over", on.point);
     }
 }
 
 #[test]
 fn spheres_and_chains_of_rings_are_covered() {
-    check(&icosphere(10.0, 5), 0, 2000);
+    check(icosphere(10.0, 5), 0, 100);
+    check(icosphere(10.0, 5), 0, 1000);
     for count in 1..4 {
-        check(&chain(count), count, 400);
-        check(&chain(count), count, 4000);
+        check(chain(count), count, 150 * count);
+        check(chain(count), count, 1000);
     }
 }

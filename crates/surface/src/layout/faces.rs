@@ -1,0 +1,262 @@
+//! A closed mesh of triangles and quads that changes and stays a manifold.
+
+use planish_core::DVec3;
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+/// A triangle or quad, with counter-clockwise corners.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Face {
+    corners: [u32; 4],
+    count: usize,
+}
+
+impl Face {
+    pub(super) fn triangle([a, b, c]: [u32; 3]) -> Self {
+        Self { corners: [a, b, c, u32::MAX], count: 3 }
+    }
+
+    pub(super) fn quad(corners: [u32; 4]) -> Self {
+        Self { corners, count: 4 }
+    }
+
+    pub(super) fn corners(&self) -> &[u32] {
+        &self.corners[..self.count]
+    }
+
+    pub(super) fn is_triangle(&self) -> bool {
+        self.count == 3
+    }
+
+    /// Directed edges.
+    pub(super) fn edges(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        (0..self.count).map(|k| (self.corners[k], self.corners[(k + 1) % self.count]))
+    }
+
+    /// The corners in order from a given one on.
+    fn from_corner(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
+        let start = self.corners().iter().position(|&v| v == first).unwrap_or(0);
+        (0..self.count).map(move |k| self.corners[(start + k) % self.count])
+    }
+
+    /// The face with one vertex in the place of another.
+    pub(super) fn renamed(mut self, old: u32, new: u32) -> Self {
+        self.corners = self.corners.map(|v| if v == old { new } else { v });
+        self
+    }
+
+    fn is_proper(&self) -> bool {
+        let corners = self.corners();
+        (0..self.count).all(|k| !corners[..k].contains(&corners[k]))
+    }
+}
+
+/// A map from directed edges.
+pub(super) type EdgeMap<T> = HashMap<(u32, u32), T, BuildHasherDefault<EdgeHasher>>;
+
+/// Hashes pairs of numbers of vertices. They come from no one who could choose them to collide.
+#[derive(Default)]
+pub(super) struct EdgeHasher(u64);
+
+impl Hasher for EdgeHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_u32(byte.into()));
+    }
+
+    fn write_u32(&mut self, number: u32) {
+        // An odd factor near 2⁶⁴ divided by the golden ratio spreads numbers over the upper bits.
+        self.0 = (self.0.rotate_left(26) ^ u64::from(number)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    }
+}
+
+/// The faces of a closed manifold.
+pub(super) struct Faces {
+    faces: Vec<Option<Face>>,
+    count: usize,
+    /// The face at the left of each directed edge.
+    left: EdgeMap<u32>,
+    /// Neighbours of each vertex.
+    around: Vec<Vec<u32>>,
+}
+
+impl Faces {
+    /// Triangles of a closed oriented manifold.
+    pub(super) fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
+        let mut own = Self {
+            faces: Vec::new(),
+            count: 0,
+            left: EdgeMap::default(),
+            around: vec![Vec::new(); vertices],
+        };
+        triangles.iter().for_each(|&triangle| {
+            own.add(Face::triangle(triangle));
+        });
+        own
+    }
+
+    fn add(&mut self, face: Face) -> u32 {
+        let number = self.faces.len() as u32;
+        for (a, b) in face.edges() {
+            self.left.insert((a, b), number);
+            self.around[a as usize].push(b);
+        }
+        self.faces.push(Some(face));
+        self.count += 1;
+        number
+    }
+
+    fn remove(&mut self, number: u32) {
+        let Some(face) = self.faces[number as usize].take() else { return };
+        self.count -= 1;
+        for (a, b) in face.edges() {
+            self.left.remove(&(a, b));
+            self.around[a as usize].retain(|&w| w != b);
+        }
+    }
+
+    /// Puts faces in the place of others and returns the number of the first. None, without a change, if the
+    /// border would not be the same, an edge had more than two faces, or a face a corner twice.
+    pub(super) fn replace(&mut self, old: &[u32], new: &[Face]) -> Option<u32> {
+        let of = |faces: &mut dyn Iterator<Item = (u32, u32)>| {
+            let mut all: Vec<(u32, u32)> = faces.collect();
+            all.sort_unstable();
+            all
+        };
+        let before =
+            of(&mut old.iter().filter_map(|&f| self.face(f)).flat_map(|f| f.edges().collect::<Vec<_>>()));
+        let after = of(&mut new.iter().flat_map(Face::edges));
+        let has = |all: &[(u32, u32)], edge| all.binary_search(&edge).is_ok();
+        let border = |all: &[(u32, u32)]| -> Vec<(u32, u32)> {
+            all.iter().copied().filter(|&(a, b)| !has(all, (b, a))).collect()
+        };
+        let is_manifold = new.iter().all(Face::is_proper)
+            && after.windows(2).all(|pair| pair[0] != pair[1])
+            && after.iter().all(|edge| has(&before, *edge) || !self.left.contains_key(edge))
+            && border(&before) == border(&after);
+        if !is_manifold {
+            return None;
+        }
+        old.iter().for_each(|&f| self.remove(f));
+        new.iter().map(|face| self.add(*face)).min()
+    }
+
+    pub(super) fn face(&self, number: u32) -> Option<Face> {
+        self.faces[number as usize]
+    }
+
+    /// All faces with their numbers.
+    pub(super) fn all(&self) -> impl Iterator<Item = (u32, Face)> + '_ {
+        (0..).zip(&self.faces).filter_map(|(number, face)| face.map(|face| (number, face)))
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    pub(super) fn has_triangles(&self) -> bool {
+        self.all().any(|(_, face)| face.is_triangle())
+    }
+
+    /// The corners of all faces and the positions of their vertices, numbered anew. Triangles have
+    /// [`u32::MAX`] as their fourth corner.
+    pub(super) fn numbered(&self, positions: &[DVec3]) -> (Vec<[u32; 4]>, Vec<DVec3>) {
+        let mut number = vec![u32::MAX; positions.len()];
+        let mut used = Vec::new();
+        let mut renumbered = |v: u32| {
+            let Some(own) = number.get_mut(v as usize) else { return u32::MAX };
+            if *own == u32::MAX {
+                *own = used.len() as u32;
+                used.push(positions[v as usize]);
+            }
+            *own
+        };
+        let faces = self.all().map(|(_, face)| face.corners.map(&mut renumbered)).collect();
+        (faces, used)
+    }
+
+    /// The faces around a vertex, with their numbers.
+    pub(super) fn around(&self, v: u32) -> impl Iterator<Item = (u32, Face)> + '_ {
+        self.neighbours(v).iter().filter_map(move |&w| self.left_of(v, w))
+    }
+
+    /// The face at the left of an edge, with its number.
+    pub(super) fn left_of(&self, a: u32, b: u32) -> Option<(u32, Face)> {
+        let number = *self.left.get(&(a, b))?;
+        self.face(number).map(|face| (number, face))
+    }
+
+    pub(super) fn are_joined(&self, a: u32, b: u32) -> bool {
+        self.left.contains_key(&(a, b))
+    }
+
+    /// Edges in ascending order, from the smaller end to the larger one.
+    pub(super) fn edges(&self) -> Vec<(u32, u32)> {
+        let mut all: Vec<(u32, u32)> = self.left.keys().copied().filter(|(a, b)| a < b).collect();
+        all.sort_unstable();
+        all
+    }
+
+    /// Neighbours of a vertex, in no particular order.
+    pub(super) fn neighbours(&self, v: u32) -> &[u32] {
+        &self.around[v as usize]
+    }
+
+    pub(super) fn valence(&self, v: u32) -> usize {
+        self.around[v as usize].len()
+    }
+
+    /// Vertices that are neighbours of both.
+    pub(super) fn common_neighbours(&self, a: u32, b: u32) -> Vec<u32> {
+        self.neighbours(a).iter().copied().filter(|&w| self.are_joined(b, w)).collect()
+    }
+
+    /// Moves all faces of a vertex to another one. Faces that contain both vanish.
+    ///
+    /// The caller ensures that both have no other common neighbours than the faces between them.
+    pub(super) fn merge_into(&mut self, kept: u32, gone: u32) -> bool {
+        let star: Vec<(u32, Face)> = self.around(gone).collect();
+        let old: Vec<u32> = star.iter().map(|(number, _)| *number).collect();
+        let rest = star.iter().filter(|(_, face)| !face.corners().contains(&kept));
+        let new: Vec<Face> = rest.map(|(_, face)| face.renamed(gone, kept)).collect();
+        !new.is_empty() && self.replace(&old, &new).is_some()
+    }
+
+    /// The corners of two faces without the edge from `a` to `b` of the first, from `b` on. The edge joins
+    /// `b` to the corner with the number of corners of the first less one.
+    pub(super) fn union(&self, first: Face, second: Face, (a, b): (u32, u32)) -> Vec<u32> {
+        let others = second.from_corner(a).skip(1).take(second.count - 2);
+        first.from_corner(b).chain(others).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_mesh::icosphere;
+
+    /// A change that would give an edge three faces, or open the surface, is refused and changes nothing.
+    #[test]
+    fn changes_keep_a_closed_manifold() {
+        let mesh = icosphere(1.0, 2);
+        let mut faces = Faces::new(&mesh.triangles, mesh.positions.len());
+        let count = faces.all().count();
+        let [a, b, c] = mesh.triangles[0];
+        assert_eq!(faces.replace(&[0], &[]), None);
+        assert_eq!(faces.replace(&[0], &[Face::triangle([a, c, b])]), None);
+        assert_eq!(faces.all().count(), count);
+        let (over, other) = faces.left_of(b, a).unwrap();
+        let quad = faces.union(faces.face(0).unwrap(), other, (a, b));
+        let new = Face::quad([quad[0], quad[1], quad[2], quad[3]]);
+        assert!(faces.replace(&[0, over], &[new]).is_some());
+        assert_eq!(faces.all().count(), count - 1);
+        let gone = faces.neighbours(c)[0];
+        if faces.common_neighbours(c, gone).len() == 2 {
+            assert!(faces.merge_into(c, gone));
+            assert_eq!(faces.valence(gone), 0);
+        }
+    }
+}
