@@ -2,6 +2,7 @@
 
 mod bending;
 mod contours;
+mod objects;
 mod pictures;
 mod readings;
 mod scans;
@@ -54,6 +55,14 @@ enum SceneCommand {
     Grid(pictures::PictureArgs),
     /// A vessel of revolution, 100 mm high, scanned from one side; its symmetry completes it
     Vessel(vessel::VesselArgs),
+    /// A closed surface of any genus: a row of joined rings, scanned from all around
+    Handles(objects::HandlesArgs),
+    /// A plate with round through holes and sharp edges, scanned from all around
+    Plate(objects::PlateArgs),
+    /// A cup with a thin wall, a rounded rim and a handle, scanned from all around
+    Cup(objects::CupArgs),
+    /// An angle bracket with holes, a fillet and sharp edges, scanned from all around
+    Bracket(objects::BracketArgs),
     /// Range readings of a contour of 100 mm from uncertain poses, for `contour`
     Readings(readings::ReadingsArgs),
     /// Range readings of a triangular prism in three views, for `contour` and `solid`
@@ -115,6 +124,10 @@ fn run_scene(scene: &SceneCommand) -> u8 {
         SceneCommand::Vessel(args) => {
             summary::run("simulate scene vessel", &args.common, |progress| vessel::work(args, progress))
         }
+        SceneCommand::Handles(args) => args.run(),
+        SceneCommand::Plate(args) => args.run(),
+        SceneCommand::Cup(args) => args.run(),
+        SceneCommand::Bracket(args) => args.run(),
         // Scenes with keys of their own run their summary themselves.
         SceneCommand::Readings(args) => readings::run(args),
         SceneCommand::Views(args) => views::run(args),

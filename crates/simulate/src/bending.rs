@@ -204,7 +204,7 @@ pub fn in_bending_hole([u, v]: [f64; 2], wider: f64) -> bool {
 fn with_hole(scan: VirtualScan) -> VirtualScan {
     let VirtualScan { mut scan, truth } = scan;
     let seen: Vec<bool> =
-        (truth.iter()).map(|reading| !in_bending_hole(reading.point.parameters, 0.0)).collect();
+        (truth.iter()).map(|r| r.point.parameters.is_none_or(|at| !in_bending_hole(at, 0.0))).collect();
     // `retain` visits the elements in order, so an iterator over the flags keeps step.
     let mut kept = seen.iter();
     scan.points.retain(|_| kept.next().is_some_and(|&kept| kept));

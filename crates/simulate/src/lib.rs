@@ -13,6 +13,8 @@
 //! | render | images of a textured object under a lamp or projected stripes |
 //! | pictures | the scenes `stereo` and `grid`: such images from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
+//! | objects | solid objects of known genus: rings, a plate, a cup, a bracket |
+//! | object_scenes | the scenes `handles`, `plate`, `cup` and `bracket`: such an object, scanned all around |
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
 //! | contours | the scene `contours`: occluding contours of a hyperboloid or a carafe, two camera motions |
 //! | readings | the scene `readings`: ranges to a contour from uncertain poses |
@@ -61,6 +63,8 @@ mod bending;
 mod contours;
 mod figure;
 mod form;
+mod object_scenes;
+mod objects;
 #[cfg(test)]
 mod pair_tests;
 mod pictures;
@@ -82,14 +86,19 @@ mod tests;
 pub use bending::{BendingOptions, bending, in_bending_hole, write_bending_scene};
 pub use contours::{ContoursOptions, ContoursShape, ContoursSummary, write_contours_scene};
 pub use form::{BallBump, BallForm, BentForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
+pub use object_scenes::{ObjectScene, ObjectSceneOptions, object_scene, write_object_scene};
+pub use objects::{
+    BracketForm, CupForm, HandlesForm, ObjectKind, ObjectMesh, PlateForm, SolidObject, TrueEdge, TrueFillet,
+    TrueHole,
+};
 pub use pictures::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
 };
 pub use readings::{ReadingsOptions, ReadingsSummary, write_readings_scene};
 pub use render::{Exposure, Light, RaySurface, Texture};
 pub use scans::{
-    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
-    write_scan_scene, write_scans_scene,
+    ObjectTruth, ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion,
+    TruthSummary, scans, write_scan_scene, write_scans_scene,
 };
 pub use shell::{ShellSceneOptions, ShellSceneSummary, write_shell_scene};
 pub use sphere::{
@@ -99,4 +108,4 @@ pub use truth::{Truth, TruthFoot, TruthPoint};
 pub use turning::{TurningOptions, turning, write_turning_scene};
 pub use vessel::{VesselOptions, vessel, write_vessel_scene};
 pub use views::{PRISM_MM, ViewsOptions, write_views_scene};
-pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};
+pub use virtual_sensor::{Optics, ScannedSurface, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};

@@ -15,10 +15,13 @@
 
 mod files;
 
-pub use files::{ScanFile, ScanSceneSummary, TruthSummary, write_scan_scene};
+pub(super) use files::SceneFiles;
+pub use files::{ObjectTruth, ScanFile, ScanSceneSummary, TruthSummary, write_scan_scene};
 
 use super::truth::{Truth, positive};
-use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
+use super::virtual_sensor::{
+    Optics, ScannedSurface, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled,
+};
 use planish_core::matrix3::from_columns;
 use planish_core::random::GOLDEN_GAMMA;
 use planish_core::vector3::tangents;
@@ -155,6 +158,17 @@ pub struct SensorTruth {
     pub outlier_share: f64,
 }
 
+impl SensorTruth {
+    /// A sensor that states its true σ.
+    pub(super) fn exactly_stated(name: &str, noise: Noise, outlier_share: f64) -> Self {
+        let (sigma_along, sigma_across) = match noise {
+            Noise::Isotropic { sigma } => (sigma, sigma),
+            Noise::Ray { sigma_along, sigma_across } => (sigma_along, sigma_across),
+        };
+        Self { name: name.to_owned(), sigma_along, sigma_across, misstatement: 1.0, outlier_share }
+    }
+}
+
 /// Readings with their ground truth.
 #[derive(Debug, Clone)]
 pub struct ScanScene {
@@ -283,10 +297,6 @@ impl ScanScene {
         misstatement: f64,
         outlier_share: f64,
     ) {
-        let (sigma_along, sigma_across) = match noise {
-            Noise::Isotropic { sigma } => (sigma, sigma),
-            Noise::Ray { sigma_along, sigma_across } => (sigma_along, sigma_across),
-        };
         let stated = Some(scaled(noise, 1.0 / misstatement));
         self.set.sensors.push(Sensor {
             name: name.to_owned(),
@@ -294,8 +304,8 @@ impl ScanScene {
             noise: stated,
             ..planish_sense::Sensor::default()
         });
-        let name = name.to_owned();
-        self.sensors.push(SensorTruth { name, sigma_along, sigma_across, misstatement, outlier_share });
+        let exact = SensorTruth::exactly_stated(name, noise, outlier_share);
+        self.sensors.push(SensorTruth { misstatement, ..exact });
     }
 
     /// Adds a scan of the most recently added sensor.
@@ -346,31 +356,47 @@ fn view_pose(
         ),
         _ => {
             let z = 1.0 - (2 * view + 1) as f64 / views as f64;
-            let ring = (1.0 - z * z).sqrt();
-            // The golden angle spreads any number of views.
-            let angle = 2.399_963_229_728_653 * view as f64;
-            DVec3::new(ring * angle.cos(), ring * angle.sin(), z)
+            spiral_direction(z, view)
         }
     };
+    let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or(DVec3::ZERO, |b| b.center());
+    roughly_from(middle, towards, size, rng)
+}
+
+/// Unit direction of a view at this height on a spiral that spreads any number of views around an object.
+pub(super) fn spiral_direction(z: f64, view: usize) -> DVec3 {
+    let ring = (1.0 - z * z).max(0.0).sqrt();
+    // The golden angle.
+    let angle = 2.399_963_229_728_653 * view as f64;
+    DVec3::new(ring * angle.cos(), ring * angle.sin(), z)
+}
+
+/// A pose four lengths from `middle`, off the direction `towards` by a few random degrees.
+pub(super) fn roughly_from(middle: DVec3, towards: DVec3, size: f64, rng: &mut ChaCha8Rng) -> Result<Pose> {
     let [x, y, roll] = [0; 3].map(|_| rng.random::<f64>() - 0.5);
     let perturbed = towards.try_normalize().and_then(|d| {
         let (e1, e2) = tangents(d);
         (d + 0.1 * x * e1 + 0.1 * y * e2).try_normalize()
     });
     let z = perturbed.ok_or_else(|| Error::input("the direction of view is undefined"))?;
-    looking_from(truth, z, TAU * roll, size)
+    pose_towards(middle, z, TAU * roll, size)
 }
 
 /// A pose four lengths from the middle of the object in direction `z`, rotated about it by `roll_rad`.
 ///
 /// A scanner looks along its −z axis, so `z` points from the object to the scanner.
 pub(super) fn looking_from(truth: &Truth, z: DVec3, roll_rad: f64, size: f64) -> Result<Pose> {
+    let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or(DVec3::ZERO, |b| b.center());
+    pose_towards(middle, z, roll_rad, size)
+}
+
+/// A pose four lengths from `middle` in direction `z`, rotated about it by `roll_rad`.
+fn pose_towards(middle: DVec3, z: DVec3, roll_rad: f64, size: f64) -> Result<Pose> {
     let (e1, e2) = tangents(z);
     let (sin, cos) = roll_rad.sin_cos();
     let x = cos * e1 + sin * e2;
     let y = z.cross(x);
     let rotation = from_columns([x, y, z]);
-    let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or(DVec3::ZERO, |b| b.center());
     let position = middle + 4.0 * size * z;
     let exact = Pose { rotation, translation: position };
     // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory
@@ -381,14 +407,19 @@ pub(super) fn looking_from(truth: &Truth, z: DVec3, roll_rad: f64, size: f64) ->
 
 /// Optics that cover the whole object: parallel rays for the old scanner, central rays for the laser.
 pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optics {
+    field_of_view_of(&truth.mesh(5120).0.positions, pose, parallel)
+}
+
+/// Optics that cover these points, with a margin of 2 %.
+pub(super) fn field_of_view_of(points: &[DVec3], pose: &Pose, parallel: bool) -> Optics {
     let scanner_from_world = pose.inverse();
     let mut half = [0.0_f64; 2];
-    for p in truth.mesh(5120).0.positions {
-        let DVec3 { x, y, z } = scanner_from_world.apply(p);
+    for p in points {
+        let DVec3 { x, y, z } = scanner_from_world.apply(*p);
         let by = if parallel { 1.0 } else { -z };
         half = [half[0].max(x.abs() / by), half[1].max(y.abs() / by)];
     }
-    // The coarse mesh is inscribed in the surface; 2 % cover what it misses.
+    // A coarse mesh is inscribed in its surface; 2 % cover what it misses.
     let half = half.map(|h| 1.02 * h);
     if parallel { Optics::Parallel { half } } else { Optics::Central { tangents: half } }
 }
@@ -396,9 +427,13 @@ pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optic
 /// Columns and rows that give about `wanted` readings.
 ///
 /// The share of rays that meet the surface is counted with the coarse grid of `pilot`.
-pub(super) fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> Result<[usize; 2]> {
+pub(super) fn grid_for(
+    pilot: &VirtualScanner,
+    surface: &impl ScannedSurface,
+    wanted: usize,
+) -> Result<[usize; 2]> {
     pilot.sanity_check()?;
-    let seen = pilot.count(truth);
+    let seen = pilot.count(surface);
     if seen == 0 {
         return Err(Error::undetermined(format!(
             "expected rays of {} that meet the surface, found none",

@@ -108,7 +108,7 @@ fn distances_of_points_moved_along_normals_are_exact() {
         for point in truth.sample_area_uniform(200, &mut rng) {
             let height = 1.2 * (rng.random::<f64>() - 0.5);
             let foot = truth.foot(point.position + height * point.normal).unwrap();
-            let [u, v] = point.parameters;
+            let [u, v] = point.parameters.unwrap();
             let inside = [u, v].iter().all(|&c| c > 0.02 && c < 0.98);
             if !inside {
                 continue;
@@ -144,7 +144,7 @@ fn samples_are_uniform_per_area() {
         let total: f64 = areas.iter().sum();
         let mut counts = vec![0.0; columns * rows];
         for point in truth.sample_area_uniform(count, &mut ChaCha8Rng::seed_from_u64(3)) {
-            let [u, v] = point.parameters;
+            let [u, v] = point.parameters.unwrap();
             let cell = |x: f64, n: usize| ((x * n as f64) as usize).min(n - 1);
             counts[cell(v, rows) * columns + cell(u, columns)] += 1.0;
         }
@@ -175,7 +175,7 @@ fn rays_meet_the_exact_surface_not_its_facets() {
             };
             hits += 1;
             assert!(near(point.position, origin + along * direction, 1e-8));
-            let [u, v] = point.parameters;
+            let [u, v] = point.parameters.unwrap();
             assert!(near(truth.point(u, v), point.position, 1e-9));
             assert!(
                 along < origin.distance(target.position) + 1e-6,

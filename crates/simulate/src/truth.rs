@@ -55,11 +55,11 @@ struct Dense {
     diagonal: f64,
 }
 
-/// A point of the true surface.
+/// A point of a true surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TruthPoint {
-    /// Parameters `(u, v)`.
-    pub parameters: [f64; 2],
+    /// Parameters `(u, v)`, if the surface is given over parameters.
+    pub parameters: Option<[f64; 2]>,
     /// Position.
     pub position: DVec3,
     /// Outward unit normal; zero where a spline is degenerate.
@@ -257,7 +257,11 @@ impl Truth {
     /// The point of the surface at these parameters.
     fn at(&self, parameters: [f64; 2]) -> TruthPoint {
         let jet = self.regular_jet(parameters[0], parameters[1]);
-        TruthPoint { parameters, position: jet.point, normal: jet.normal().unwrap_or(DVec3::ZERO) }
+        TruthPoint {
+            parameters: Some(parameters),
+            position: jet.point,
+            normal: jet.normal().unwrap_or(DVec3::ZERO),
+        }
     }
 
     /// A mesh of about `triangles` triangles that face outwards, and the exact normals of its vertices.
@@ -393,7 +397,7 @@ impl Truth {
     /// # fn main() -> planish_estimate::Result<()> {
     /// let tube = Truth::freeform(Shape::Tube, 100.0, 4)?;
     /// let points = tube.sample_area_uniform(50, &mut ChaCha8Rng::seed_from_u64(1));
-    /// let [u, v] = points[0].parameters;
+    /// let [u, v] = points[0].parameters.expect("a tube has parameters");
     /// assert_eq!((points.len(), points[0].position), (50, tube.point(u, v)));
     /// # Ok(())
     /// # }
@@ -431,7 +435,8 @@ impl Truth {
                 let foot = surface.project(z, [start[0] * a, start[1] * b], &options);
                 let [u, v] = space.parameters(foot.leaf as usize, foot.local);
                 let position = foot.jet.point;
-                (TruthPoint { parameters: [u / a, v / b], position, normal: foot.normal }, foot.at_border)
+                let parameters = Some([u / a, v / b]);
+                (TruthPoint { parameters, position, normal: foot.normal }, foot.at_border)
             }
         };
         let offset = z - point.position;
@@ -560,7 +565,7 @@ fn nearest_point(form: &ClosedForm, z: DVec3, start: [f64; 2]) -> (TruthPoint, b
         }
     }
     let normal = jet.normal().unwrap_or(DVec3::ZERO);
-    (TruthPoint { parameters: at, position: jet.point, normal }, held[0] || held[1])
+    (TruthPoint { parameters: Some(at), position: jet.point, normal }, held[0] || held[1])
 }
 
 /// Rejects a value that is not positive and finite; `name` names it in the message.

@@ -35,6 +35,18 @@ pub struct VirtualScan {
     pub truth: Vec<TrueReading>,
 }
 
+/// A surface that a range scanner can measure.
+pub trait ScannedSurface: Sync {
+    /// The first point where a ray meets the surface; `direction` is a unit vector.
+    fn first_point(&self, origin: DVec3, direction: DVec3) -> Option<TruthPoint>;
+}
+
+impl ScannedSurface for Truth {
+    fn first_point(&self, origin: DVec3, direction: DVec3) -> Option<TruthPoint> {
+        self.first_hit(origin, direction).map(|(point, _)| point)
+    }
+}
+
 /// The rays of a range scanner, in its own frame.
 ///
 /// It looks along −z. Columns run along x, rows along y.
@@ -101,11 +113,13 @@ pub struct VirtualScanner {
     pub outlier_size: f64,
     /// True if the scan keeps its grid.
     pub organised: bool,
+    /// σ of measured normals about each of two tangents, in degrees; `None` if no normals are measured.
+    pub sigma_normal_deg: Option<f64>,
 }
 
 impl VirtualScanner {
     /// A scanner with default settings: even and correctly stated σ, no outliers, readings up to 75°,
-    /// organised.
+    /// organised, no normals.
     #[must_use]
     pub fn new(name: &str, world_from_scanner: Pose, optics: Optics, grid: [usize; 2], noise: Noise) -> Self {
         Self {
@@ -120,6 +134,7 @@ impl VirtualScanner {
             outlier_share: 0.0,
             outlier_size: 0.0,
             organised: true,
+            sigma_normal_deg: None,
         }
     }
 
@@ -167,6 +182,9 @@ impl VirtualScanner {
         if self.outlier_share > 0.0 {
             positive("outlier size", self.outlier_size)?;
         }
+        if let Some(sigma) = self.sigma_normal_deg {
+            positive("the σ of normals", sigma)?;
+        }
         Ok(())
     }
 
@@ -189,30 +207,30 @@ impl VirtualScanner {
     }
 
     /// The point that the ray of a cell measures, if it meets the surface from the front and not grazing.
-    fn measured_point(&self, truth: &Truth, cell: usize) -> Option<TruthPoint> {
+    fn measured_point(&self, surface: &impl ScannedSurface, cell: usize) -> Option<TruthPoint> {
         let (origin, direction, _) = self.ray(cell);
         let direction = self.world_from_scanner.rotate(direction);
-        let (point, _) = truth.first_hit(self.world_from_scanner.apply(origin), direction)?;
+        let point = surface.first_point(self.world_from_scanner.apply(origin), direction)?;
         (-point.normal.dot(direction) > self.grazing_deg.to_radians().cos()).then_some(point)
     }
 
     /// Number of rays that give a reading. Cost: one ray per cell.
     #[must_use]
-    pub fn count(&self, truth: &Truth) -> usize {
+    pub fn count(&self, surface: &impl ScannedSurface) -> usize {
         let cells = self.grid[0] * self.grid[1];
-        (0..cells).into_par_iter().filter(|&cell| self.measured_point(truth, cell).is_some()).count()
+        (0..cells).into_par_iter().filter(|&cell| self.measured_point(surface, cell).is_some()).count()
     }
 
     /// Scans a surface. The same seed gives the same bytes. Cost: one ray per cell, in parallel.
     ///
     /// # Errors
     /// As [`VirtualScanner::sanity_check`].
-    pub fn scan(&self, truth: &Truth, seed: u64) -> Result<VirtualScan> {
+    pub fn scan(&self, surface: &impl ScannedSurface, seed: u64) -> Result<VirtualScan> {
         self.sanity_check()?;
         let scanner_from_world = self.world_from_scanner.inverse();
         let cells = self.grid[0] * self.grid[1];
-        let read = |cell: usize| -> Option<(DVec3, DVec3, TrueReading)> {
-            let point = self.measured_point(truth, cell)?;
+        let read = |cell: usize| -> Option<(DVec3, DVec3, DVec3, TrueReading)> {
+            let point = self.measured_point(surface, cell)?;
             let (_, ray, rho2) = self.ray(cell);
             let noise_factor = 1.0 + self.unevenness * rho2;
             // One stream of random numbers per cell, and outliers drawn after the noise: other options for
@@ -231,7 +249,11 @@ impl VirtualScanner {
                 let side = if rng.random::<bool>() { 1.0 } else { -1.0 };
                 z += side * size * ray;
             }
-            Some((z, ray, TrueReading { point, outlier, noise_factor }))
+            // Drawn last, so that normals leave all other numbers as they were.
+            let normal = self.sigma_normal_deg.map_or(DVec3::ZERO, |sigma_deg| {
+                scanner_from_world.rotate(turned(point.normal, sigma_deg.to_radians(), &mut rng))
+            });
+            Some((z, ray, normal, TrueReading { point, outlier, noise_factor }))
         };
         // Collected in the order of the cells. A single ray is too short for a parallel task.
         let readings: Vec<_> = (0..cells).into_par_iter().with_min_len(256).map(read).collect();
@@ -245,11 +267,12 @@ impl VirtualScanner {
         };
         let mut grid = Vec::with_capacity(cells);
         let mut seen = Vec::new();
+        let mut normals = Vec::new();
         let (mut sigma, mut covariance) = (Vec::new(), Vec::new());
         for reading in readings {
             grid.push(reading.map_or(RangeGrid::EMPTY, |_| scan.points.len() as u32));
             // The grid has an entry for every cell, the points only for readings.
-            let Some((z, ray, reading)) = reading else {
+            let Some((z, ray, normal, reading)) = reading else {
                 continue;
             };
             let stated = scaled(self.noise, reading.noise_factor / self.misstatement);
@@ -262,7 +285,12 @@ impl VirtualScanner {
                 }
             }
             scan.points.push(z);
+            normals.push(normal);
             seen.push(reading);
+        }
+        if let Some(sigma_deg) = self.sigma_normal_deg {
+            scan.sigma_normal_deg = Some(vec![sigma_deg; normals.len()]);
+            scan.normals = Some(normals);
         }
         // With even σ, the value of the sensor in the job suffices.
         if self.unevenness > 0.0 {
@@ -349,6 +377,13 @@ fn draw(noise: Noise, ray: DVec3, factor: f64, rng: &mut ChaCha8Rng) -> DVec3 {
             sigma_along * a * ray + sigma_across * b * e1 + sigma_across * c * e2
         }
     }
+}
+
+/// A unit vector that is turned by Gaussian angles about two tangents.
+fn turned(normal: DVec3, sigma_rad: f64, rng: &mut ChaCha8Rng) -> DVec3 {
+    let (e1, e2) = tangents(normal);
+    let [a, b] = [0; 2].map(|_| sigma_rad * rng.sample::<f64, _>(StandardNormal));
+    (normal + a * e1 + b * e2).try_normalize().unwrap_or(normal)
 }
 
 /// Rejects a σ that is not positive and finite.

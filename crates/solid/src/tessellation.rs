@@ -23,7 +23,7 @@ mod untrimmed;
 
 use crate::brep::{Coedge, Edge, EdgeCurve, Solid};
 pub use effort::{MAX_TRIANGLES, min_tolerance, triangles_needed};
-pub use fill::triangulate_polygon;
+pub use fill::{triangulate_polygon, triangulate_region};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;

@@ -29,8 +29,20 @@ pub fn summary(
     unit: Unit,
     next_options: [&str; 2],
 ) -> Summary<ScanSceneBody> {
+    let what = format!("a {}", made.truth.shape);
+    summary_of(&what, out, made, unit, next_options)
+}
+
+/// As [`summary`]; `what` names the object with its article.
+pub fn summary_of(
+    what: &str,
+    out: &Path,
+    made: ScanSceneSummary,
+    unit: Unit,
+    next_options: [&str; 2],
+) -> Summary<ScanSceneBody> {
     Summary {
-        text: text(out, &made, unit, next_options),
+        text: text(what, out, &made, unit, next_options),
         unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files.clone(),
@@ -45,9 +57,9 @@ pub fn summary(
     }
 }
 
-fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 2]) -> String {
+fn text(what: &str, out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 2]) -> String {
     let mut lines = Lines::default();
-    lines.line(format!("Simulated {} readings of a {}.", count(made.rows), made.truth.shape));
+    lines.line(format!("Simulated {} readings of {what}.", count(made.rows)));
     lines.gap();
     let rows: Vec<Vec<String>> = made
         .truth

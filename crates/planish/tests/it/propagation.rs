@@ -278,8 +278,9 @@ fn true_sheet(scene: &ScanScene, hole: bool) -> Vec<(DVec3, DVec3)> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let points = scene.truth.sample_area_uniform(4000, &mut rng);
     let wanted = points.iter().filter(|p| {
-        let inside = p.parameters.iter().all(|c| (0.02..0.98).contains(c));
-        inside && in_bending_hole(p.parameters, if hole { -0.02 } else { 0.02 }) == hole
+        let at = p.parameters.unwrap();
+        let inside = at.iter().all(|c| (0.02..0.98).contains(c));
+        inside && in_bending_hole(at, if hole { -0.02 } else { 0.02 }) == hole
     });
     wanted.map(|p| (p.position, p.normal)).collect()
 }
@@ -321,7 +322,8 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
             .flat_map(|i| (1..10).map(move |j| [f64::from(i) / 10.0, f64::from(j) / 10.0]))
             .map(|[a, b]| {
                 let [u, v] = first.space().extent();
-                let material = scene.states[0].foot(first.point(a * u, b * v)).unwrap().point.parameters;
+                let material =
+                    scene.states[0].foot(first.point(a * u, b * v)).unwrap().point.parameters.unwrap();
                 let truth = scene.truth.point(material[0], material[1]);
                 last.point(a * u, b * v).distance(truth)
             })

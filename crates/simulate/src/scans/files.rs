@@ -4,12 +4,15 @@
 
 use super::{ScanScene, SensorTruth, TrueMotion};
 use crate::form::ClosedForm;
+use crate::objects::{SolidObject, TrueEdge, TrueFillet, TrueHole};
 use crate::truth::Truth;
+use crate::virtual_sensor::TrueReading;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{MeshColumns, write_mesh, write_scan};
-use planish_exchange::{ScanSet, make_folder, write_atomically};
+use planish_exchange::{ScanSet, Unit, make_folder, write_atomically};
 use planish_mesh::TriangleMesh;
-use planish_sense::{Noise, Viewing};
+use planish_sense::{Noise, Scan, Viewing};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -32,7 +35,7 @@ pub struct ScanFile {
 /// Contents of `truth.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TruthSummary {
-    /// Topology: sheet, tube or ball.
+    /// Topology (sheet, tube or ball), or the name of a solid object.
     pub shape: String,
     /// Seed of the scene.
     pub seed: u64,
@@ -42,7 +45,8 @@ pub struct TruthSummary {
     pub sensors: Vec<SensorTruth>,
     /// Files of the scans.
     pub scans: Vec<ScanFile>,
-    /// Number of vertices of `truth.ply`. They lie on the surface and have exact normals.
+    /// Number of vertices of `truth.ply`. They lie on the surface and have exact normals, except at sharp
+    /// edges.
     pub mesh_vertices: usize,
     /// Number of triangles of `truth.ply`.
     pub mesh_triangles: usize,
@@ -59,6 +63,24 @@ pub struct TruthSummary {
     /// Formula of the surface at each time, if it changed its shape.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<ClosedForm>,
+    /// Genus, sizes and features of a solid object.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub object: Option<ObjectTruth>,
+}
+
+/// Part of `truth.json` for a solid object.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObjectTruth {
+    /// Number of handles of the surface.
+    pub genus: usize,
+    /// Sizes.
+    pub form: SolidObject,
+    /// Round through holes.
+    pub holes: Vec<TrueHole>,
+    /// Fillets.
+    pub fillets: Vec<TrueFillet>,
+    /// Sharp edges.
+    pub edges: Vec<TrueEdge>,
 }
 
 /// The files that [`write_scan_scene`] and its relatives write.
@@ -97,45 +119,21 @@ pub struct ScanSceneSummary {
 /// # }
 /// ```
 pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSummary> {
-    make_folder(folder)?;
     let options = &scene.options;
-    let job_path = folder.join("job.toml");
-    let mut files = vec![job_path.clone()];
-    let mut written = Vec::new();
-    for (posed, readings) in scene.set.scans.iter().zip(&scene.readings) {
-        let path = folder.join(&posed.scan.name);
-        write_scan(&path, &posed.scan, scene.set.unit)?;
-        files.push(path);
-        written.push(ScanFile {
-            file: posed.scan.name.clone(),
-            sensor: scene.set.sensors[posed.sensor].name.clone(),
-            readings: readings.len(),
-            outliers: readings.iter().filter(|r| r.outlier).count(),
-        });
-    }
+    let mut files = SceneFiles::new(folder)?;
+    let scans = files.write_scans(&scene.set, &scene.readings)?;
     // As fine as the readings, within limits that keep comparisons accurate and files small.
     let triangles = options.truth_triangles.unwrap_or((options.readings / 2).clamp(5120, 80_000));
-    let write_truth = |truth: &Truth, name: &str| -> Result<(PathBuf, TriangleMesh)> {
+    let mut write_truth = |truth: &Truth, name: &str| -> Result<TriangleMesh> {
         let (mesh, normals) = truth.mesh(triangles);
-        let path = folder.join(name);
-        write_mesh(
-            &path,
-            &MeshColumns {
-                points: &mesh.positions,
-                normals: Some(&normals),
-                triangles: &mesh.triangles,
-                unit: scene.set.unit,
-                ..MeshColumns::default()
-            },
-        )?;
-        Ok((path, mesh))
+        files.write_mesh(name, &mesh, &normals, scene.set.unit)?;
+        Ok(mesh)
     };
     // The last state is written again below, as the `truth.ply` that every scene has.
     for (k, state) in scene.states.iter().enumerate() {
-        files.push(write_truth(state, &format!("truth-{}.ply", k + 1))?.0);
+        write_truth(state, &format!("truth-{}.ply", k + 1))?;
     }
-    let (path, mesh) = write_truth(&scene.truth, "truth.ply")?;
-    files.push(path);
+    let mesh = write_truth(&scene.truth, "truth.ply")?;
     // The centre of a triangle is about where its chord error is largest.
     let chord = |t: usize| {
         let middle = mesh.point_at(t, [1.0 / 3.0; 3]);
@@ -146,7 +144,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
         seed: options.seed,
         unit: options.unit.name().to_owned(),
         sensors: scene.sensors.clone(),
-        scans: written,
+        scans,
         mesh_vertices: mesh.positions.len(),
         mesh_triangles: mesh.triangles.len(),
         // A maximum does not depend on the order, so the parallel reduction gives the same value every
@@ -156,31 +154,99 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
         surface: scene.truth.closed_form().cloned(),
         motion: scene.motion.clone(),
         states: scene.states.iter().filter_map(|truth| truth.closed_form().cloned()).collect(),
+        object: None,
     };
-    let path = folder.join("truth.json");
-    let mut text = serde_json::to_string_pretty(&truth)
-        .map_err(|e| Error::io(format!("{}: could not be written", path.display())).with_source(e))?;
-    text.push('\n');
-    write_atomically(&path, |writer| writer.write_all(text.as_bytes()))?;
-    files.push(path);
-    // The job is last: while it is missing, the folder is known to be incomplete.
-    let job = job_text(&scene.set);
-    write_atomically(&job_path, |writer| writer.write_all(job.as_bytes()))?;
+    files.finish(&scene.set, truth)
+}
 
-    // The columns that `write_scan` wrote above, for the summary.
-    let mut columns = vec!["x", "y", "z"];
-    if scene.set.scans.iter().any(|s| s.scan.covariance.is_some()) {
-        columns.extend(["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]);
+/// The files of a scene while they are written: first scans and meshes, then the ground truth and the job.
+pub(crate) struct SceneFiles<'a> {
+    folder: &'a Path,
+    files: Vec<PathBuf>,
+}
+
+impl<'a> SceneFiles<'a> {
+    /// Files in this folder, which is created if it is missing.
+    pub(crate) fn new(folder: &'a Path) -> Result<Self> {
+        make_folder(folder)?;
+        Ok(Self { folder, files: vec![folder.join("job.toml")] })
     }
-    if scene.set.scans.iter().any(|s| s.scan.sigma.is_some()) {
-        columns.push("sigma");
+
+    /// Writes the scans of a set.
+    pub(crate) fn write_scans(
+        &mut self,
+        set: &ScanSet,
+        readings: &[Vec<TrueReading>],
+    ) -> Result<Vec<ScanFile>> {
+        let mut written = Vec::new();
+        for (posed, readings) in set.scans.iter().zip(readings) {
+            let path = self.folder.join(&posed.scan.name);
+            write_scan(&path, &posed.scan, set.unit)?;
+            self.files.push(path);
+            written.push(ScanFile {
+                file: posed.scan.name.clone(),
+                sensor: set.sensors[posed.sensor].name.clone(),
+                readings: readings.len(),
+                outliers: readings.iter().filter(|r| r.outlier).count(),
+            });
+        }
+        Ok(written)
     }
-    Ok(ScanSceneSummary {
-        rows: scene.readings.iter().map(Vec::len).sum(),
-        columns: columns.into_iter().map(str::to_owned).collect(),
-        files,
-        truth,
-    })
+
+    /// Writes a mesh with normals.
+    pub(crate) fn write_mesh(
+        &mut self,
+        name: &str,
+        mesh: &TriangleMesh,
+        normals: &[DVec3],
+        unit: Option<Unit>,
+    ) -> Result<()> {
+        let path = self.folder.join(name);
+        write_mesh(
+            &path,
+            &MeshColumns {
+                points: &mesh.positions,
+                normals: Some(normals),
+                triangles: &mesh.triangles,
+                unit,
+                ..MeshColumns::default()
+            },
+        )?;
+        self.files.push(path);
+        Ok(())
+    }
+
+    /// Writes `truth.json` and the job.
+    pub(crate) fn finish(mut self, set: &ScanSet, truth: TruthSummary) -> Result<ScanSceneSummary> {
+        let path = self.folder.join("truth.json");
+        let mut text = serde_json::to_string_pretty(&truth)
+            .map_err(|e| Error::io(format!("{}: could not be written", path.display())).with_source(e))?;
+        text.push('\n');
+        write_atomically(&path, |writer| writer.write_all(text.as_bytes()))?;
+        self.files.push(path);
+        // The job is last: while it is missing, the folder is known to be incomplete.
+        let job = job_text(set);
+        write_atomically(&self.files[0], |writer| writer.write_all(job.as_bytes()))?;
+
+        // The columns that `write_scan` wrote, for the summary.
+        let mut columns = vec!["x", "y", "z"];
+        let has = |given: fn(&Scan) -> bool| set.scans.iter().any(|s| given(&s.scan));
+        if has(|scan| scan.normals.is_some()) {
+            columns.extend(["nx", "ny", "nz", "sigma_n_deg"]);
+        }
+        if has(|scan| scan.covariance.is_some()) {
+            columns.extend(["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]);
+        }
+        if has(|scan| scan.sigma.is_some()) {
+            columns.push("sigma");
+        }
+        Ok(ScanSceneSummary {
+            rows: truth.scans.iter().map(|scan| scan.readings).sum(),
+            columns: columns.into_iter().map(str::to_owned).collect(),
+            files: self.files,
+            truth,
+        })
+    }
 }
 
 /// The text of a job that names the scans, for [`planish_exchange::job::read_job`].

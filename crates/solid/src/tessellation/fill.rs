@@ -136,9 +136,41 @@ fn refused(e: spade::InsertionError) -> Error {
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn triangulate_polygon(corners: &[[f64; 2]]) -> Result<Vec<[u32; 3]>> {
-    let polygon: Vec<Corner> =
-        corners.iter().zip(0..).map(|(at, vertex)| Corner { vertex, at: *at }).collect();
-    let made = bounded(&[polygon], &[])?;
+    triangulate_region(corners, &[corners.len()], 0)
+}
+
+/// Triangles of the region between polygons, with further points inside. They are counter-clockwise.
+///
+/// `points` holds the corners of the polygons, one polygon after the other, then `inner` points.
+/// `polygon_sizes` is the number of corners of each polygon. A point in an odd number of polygons is inside.
+/// Triangles are indices of `points`. No point is added. Cost O(n log n) for typical input.
+///
+/// # Errors
+/// `Input` if the number of points differs from the sum of the sizes; `Unsupported` if sides cross, or a
+/// coordinate is not finite.
+///
+/// # Examples
+/// ```
+/// use planish_solid::tessellation::triangulate_region;
+/// // A square with a square hole.
+/// let square = |half: f64| [[-half, -half], [half, -half], [half, half], [-half, half]];
+/// let points = [square(2.0), square(1.0)].concat();
+/// assert_eq!(triangulate_region(&points, &[4, 4], 0)?.len(), 8);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub fn triangulate_region(
+    points: &[[f64; 2]],
+    polygon_sizes: &[usize],
+    inner: usize,
+) -> Result<Vec<[u32; 3]>> {
+    let expected = polygon_sizes.iter().sum::<usize>() + inner;
+    if points.len() != expected {
+        return Err(Error::input(format!("expected {expected} points of a region, found {}", points.len())));
+    }
+    let mut corners = points.iter().zip(0..).map(|(at, vertex)| Corner { vertex, at: *at });
+    let polygons: Vec<Vec<Corner>> =
+        polygon_sizes.iter().map(|&size| corners.by_ref().take(size).collect()).collect();
+    let made = bounded(&polygons, &corners.collect::<Vec<_>>())?;
     let inside = inside(&made);
     Ok((made.inner_faces().filter(|f| inside[f.fix().index()]))
         .map(|f| f.vertices().map(|v| v.data().vertex))
