@@ -1,8 +1,9 @@
 """Runs a command and measures its peak memory.
 
-A small process starts the command: a child begins with the peak of its parent, which would hide that of the command.
+A small process starts the command: a child begins with the peak of its parent, which would hide that of the
+command.
 
-    python peak_memory.py FILE COMMAND...      writes the peak in MB to FILE and exits with the status of the command
+    python peak_memory.py FILE COMMAND...      writes the peak in MB to FILE; exits with the command's status
 """
 import os
 import subprocess
@@ -10,13 +11,19 @@ import sys
 import tempfile
 
 
+def measured(command, **options):
+    """The finished process and its peak memory in MB. Options are those of `subprocess.run`."""
+    with tempfile.NamedTemporaryFile("r", suffix=".txt") as file:
+        done = subprocess.run([sys.executable, "-S", __file__, file.name, *command], **options)
+        return done, float(file.read() or "nan")
+
+
 def run(command):
     """Standard output of the command and its peak memory in MB. Ends the script if the command fails."""
-    with tempfile.NamedTemporaryFile("r", suffix=".txt") as file:
-        done = subprocess.run([sys.executable, "-S", __file__, file.name, *command], stdout=subprocess.PIPE)
-        if done.returncode != 0:
-            raise SystemExit(f"{command[0]} ended with status {done.returncode}")
-        return done.stdout, float(file.read())
+    done, megabytes = measured(command, stdout=subprocess.PIPE)
+    if done.returncode != 0:
+        raise SystemExit(f"{command[0]} ended with status {done.returncode}")
+    return done.stdout, megabytes
 
 
 if __name__ == "__main__":
