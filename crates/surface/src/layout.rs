@@ -17,8 +17,8 @@
 //! | quads | quads from triangles, and fewer extraordinary vertices |
 //! | relaxation | even quads on the mesh |
 //!
-//! Not guaranteed: the number of quads and of extraordinary vertices, and quads in parts that are thinner than
-//! they are.
+//! Not guaranteed: the number of quads and of extraordinary vertices, and quads in parts that are thinner
+//! than they are.
 //!
 //! # References
 //! Jakob, Tarini, Panozzo, Sorkine-Hornung, *Instant field-aligned meshes*, 2015; Huang, Zhou, Niessner,

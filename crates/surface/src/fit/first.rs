@@ -64,9 +64,10 @@ pub(super) fn first_surface(
     let size = sample.count;
     let sample = sample.readings;
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
+    let over_quads = |mesh: TriangleMesh| surface_over_quads(mesh, size, options.max_coefficients, progress);
     if let Some(handles @ Handles::Exactly(_)) = options.handles() {
         progress.check("topology", 0.02)?;
-        return surface_over_quads(enclosing_mesh(&points, &normals, handles)?, size);
+        return over_quads(enclosing_mesh(&points, &normals, handles)?);
     }
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // In a small cloud, more cells would hold fewer than six readings each.
@@ -82,7 +83,7 @@ pub(super) fn first_surface(
         enclosing = if_determined(enclosing_mesh(&points, &normals, handles))?;
     }
     if let Some(mesh) = enclosing.take_if(|mesh| !is_ball(mesh))
-        && let Some(surface) = if_determined(surface_over_quads(mesh, size))?
+        && let Some(surface) = if_determined(over_quads(mesh))?
     {
         return Ok(surface);
     }
@@ -104,8 +105,7 @@ pub(super) fn first_surface(
         let grown = grow(&base, grid, levels, &points, &indicator, &|share| {
             progress.check("growing", 0.05 + 0.35 * share)
         })?;
-        let over_quads = |mesh: TriangleMesh| if_determined(surface_over_quads(mesh, size));
-        less_folded(grown, || enclosing.map_or(Ok(None), over_quads))
+        less_folded(grown, || enclosing.map_or(Ok(None), |mesh| if_determined(over_quads(mesh))))
     } else {
         let whole = size * (1 + observations.intake.later_batches);
         drape(&base, grid, &points, whole, !observations.scan_errors.is_empty(), options)

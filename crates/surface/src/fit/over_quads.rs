@@ -12,7 +12,7 @@ use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
 use super::leaves::{is_piece, leaf_areas};
 use super::options::Handles;
 use crate::layout::{Layout, LayoutMesh, mesh_of};
-use planish_core::DVec3;
+use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_mesh::{MeshSearch, TriangleMesh, isosurface};
 use planish_sense::Neighbourhoods;
@@ -49,21 +49,31 @@ const MAX_DIVISIONS: u32 = 4;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
-/// A surface over quads on a closed mesh that is drawn from a sample of `readings` points.
+/// A surface over quads on a closed mesh that is drawn from a sample of `readings` points, with about half of
+/// `max_coefficients` vertices at most.
 ///
 /// Layouts have more and more quads, until a surface is near the mesh and does not pass through itself. The
 /// best of all is taken if none is.
 ///
 /// # Errors
-/// As for [`LayoutMesh::layout`].
-pub(super) fn surface_over_quads(mesh: TriangleMesh, readings: usize) -> Result<Surface> {
+/// As for [`LayoutMesh::layout`]; that of an interrupted `progress`.
+pub(super) fn surface_over_quads(
+    mesh: TriangleMesh,
+    readings: usize,
+    max_coefficients: usize,
+    progress: &dyn Progress,
+) -> Result<Surface> {
+    let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
     // Each quad is divided into four.
-    let meshed = LayoutMesh::new(mesh, (readings / READINGS_PER_QUAD / 4).max(FEWEST_QUADS))?;
+    let meshed = LayoutMesh::new(mesh, (cells / 4).max(FEWEST_QUADS))?;
+    // Where cells are divided, the finest ones are a part of all.
+    let finest = (readings / READINGS_PER_QUAD).min(8 * max_coefficients);
     let mut best: Option<(f64, Surface)> = None;
     let mut quads = FEWEST_QUADS;
     loop {
+        progress.check("layout", 0.05 + 0.35 * quads as f64 / (quads + meshed.most()) as f64)?;
         let is_last = quads >= meshed.most();
-        match Draft::new(&meshed, quads, readings).and_then(|draft| draft.surface(meshed.mesh())) {
+        match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface(meshed.mesh())) {
             Ok(surface) => {
                 let defect = defect(&surface, meshed.mesh())?;
                 let is_near = defect <= MAX_MISSED;
@@ -111,13 +121,11 @@ struct Draft {
 }
 
 impl Draft {
-    fn new(meshed: &LayoutMesh, quads: usize, readings: usize) -> Result<Self> {
+    fn new(meshed: &LayoutMesh, quads: usize, finest: usize) -> Result<Self> {
         // Divided once, since no cell can have two extraordinary vertices.
         let mut layouts = vec![meshed.divided(&meshed.layout(quads)?)?];
         let cells = |layout: &Layout| layout.domain.cells().len();
-        while layouts.len() <= MAX_DEPTH
-            && 4 * cells(&layouts[layouts.len() - 1]) <= readings / READINGS_PER_QUAD
-        {
+        while layouts.len() <= MAX_DEPTH && 4 * cells(&layouts[layouts.len() - 1]) <= finest {
             layouts.push(meshed.divided(&layouts[layouts.len() - 1])?);
         }
         Ok(Self { layouts })

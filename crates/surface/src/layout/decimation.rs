@@ -1,8 +1,8 @@
 //! A coarse mesh of triangles with one vertex for each lattice position.
 //!
 //! Edges of no steps are collapsed, where that keeps the topology of the mesh. Triangles between three
-//! lattice positions are halves of squares. Where the lattice is folded, edges are flipped if that makes their
-//! steps shorter, and collapse when nothing is left of them.
+//! lattice positions are halves of squares. Where the lattice is folded, edges are flipped if that makes
+//! their steps shorter, and collapse when nothing is left of them.
 //!
 //! Not guaranteed: that all folds go away. Some are left where the steps of a whole area do not fit.
 

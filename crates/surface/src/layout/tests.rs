@@ -31,7 +31,8 @@ fn check(mesh: TriangleMesh, genus: usize, quads: usize) {
     let layout = meshed.layout(quads).unwrap();
     assert_eq!((layout.domain.genus(), layout.domain.components()), (genus, 1));
     let extraordinary = layout.domain.extraordinary_vertices().len();
-    assert!(extraordinary <= 16 + 16 * genus, "{extraordinary} extraordinary vertices, genus {genus}");
+    let most = 16 + 16 * genus + quads / 10;
+    assert!(extraordinary <= most, "{extraordinary} extraordinary vertices, genus {genus}, {quads} quads");
     let count = layout.domain.cells().len();
     assert!((quads / 2..2 * quads).contains(&count), "{count} quads");
     let finer = meshed.divided(&layout).unwrap();
