@@ -34,7 +34,7 @@ impl Face {
     }
 
     /// The corners in order from a given one on.
-    fn from_corner(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
+    fn corners_from(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
         let start = self.corners().iter().position(|&v| v == first).unwrap_or(0);
         (0..self.count).map(move |k| self.corners[(start + k) % self.count])
     }
@@ -228,8 +228,8 @@ impl Faces {
     /// The corners of two faces without the edge from `a` to `b` of the first, from `b` on. The edge joins
     /// `b` to the corner with the number of corners of the first less one.
     pub(super) fn union(&self, first: Face, second: Face, (a, b): (u32, u32)) -> Vec<u32> {
-        let others = second.from_corner(a).skip(1).take(second.count - 2);
-        first.from_corner(b).chain(others).collect()
+        let others = second.corners_from(a).skip(1).take(second.count - 2);
+        first.corners_from(b).chain(others).collect()
     }
 }
 

@@ -23,6 +23,8 @@ const MAX_SKEW_TURNED: f64 = 1.5;
 const TWO_QUADS: i64 = 100;
 
 type Edge = (u32, u32);
+/// For each face, the triangle from which it was reached, and the face and edge before it.
+type Reached = HashMap<u32, (u32, Option<(u32, Edge)>)>;
 
 /// Turns all triangles into quads. False if some are left.
 pub(super) fn pair(coarse: &mut Decimation, at: &[DVec3]) -> bool {
@@ -109,14 +111,13 @@ fn move_triangle(faces: &mut Faces, at: &[DVec3], edge @ (a, b): Edge, next: Edg
 
 /// Edges across which the shortest path leads from one triangle to another.
 fn shortest_path(faces: &Faces, blocked: &HashSet<Edge>) -> Option<Vec<Edge>> {
-    // For each face, the triangle from which it was reached, and the face and edge before it.
-    let mut reached: HashMap<u32, (u32, Option<(u32, Edge)>)> = HashMap::new();
+    let mut reached = Reached::new();
     let mut queue: VecDeque<u32> = VecDeque::new();
     for (number, _) in faces.all().filter(|(_, face)| face.is_triangle()) {
         reached.insert(number, (number, None));
         queue.push_back(number);
     }
-    let back = |reached: &HashMap<u32, (u32, Option<(u32, Edge)>)>, mut f: u32| {
+    let back = |reached: &Reached, mut f: u32| {
         let mut edges = Vec::new();
         while let Some((before, edge)) = reached[&f].1 {
             edges.push(edge);
