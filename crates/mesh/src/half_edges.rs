@@ -5,9 +5,26 @@
 //! already; the caller has to test this.
 
 use crate::edges::EdgeTable;
+use crate::mesh::TriangleMesh;
 
 /// No opposite half-edge: the edge is on the border.
 pub(crate) const NONE: u32 = u32::MAX;
+
+impl TriangleMesh {
+    /// For each half-edge `3 t + k`, from corner `k` of triangle `t` to the next, the one in the other
+    /// direction. [`u32::MAX`] at borders and at edges of more than two triangles.
+    ///
+    /// # Examples
+    /// ```
+    /// let ball = planish_mesh::icosphere(1.0, 1);
+    /// let opposite = ball.opposite_half_edges();
+    /// assert!((0..).zip(&opposite).all(|(half, over)| opposite[*over as usize] == half));
+    /// ```
+    #[must_use]
+    pub fn opposite_half_edges(&self) -> Vec<u32> {
+        opposites(&self.triangles)
+    }
+}
 
 /// For each half-edge, the opposite one, or [`NONE`] on the border.
 ///

@@ -37,13 +37,15 @@ mod tests;
 
 use closure::Steps;
 use decimation::Decimation;
-use field::lattices;
+use faces::renumbered;
+use field::DirectionField;
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::QuadDomain;
 use simplification::simplified;
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 /// A domain with the positions of its vertices.
 #[derive(Debug, Clone)]
@@ -75,8 +77,23 @@ pub struct LayoutMesh {
 /// A component of the mesh.
 struct Part {
     area: f64,
-    /// The component with its shortest edges, from fine to coarse.
-    meshes: Vec<(f64, TriangleMesh)>,
+    /// From fine to coarse.
+    meshes: Vec<PartMesh>,
+}
+
+/// A mesh of a component.
+struct PartMesh {
+    mesh: TriangleMesh,
+    /// No edge is shorter, where that is possible.
+    shortest: f64,
+    /// Directions, and opposite half edges, as soon as a layout needs them: several layouts use one mesh.
+    prepared: OnceLock<(DirectionField, Vec<u32>)>,
+}
+
+impl PartMesh {
+    fn new(mesh: TriangleMesh, shortest: f64) -> Self {
+        Self { mesh, shortest, prepared: OnceLock::new() }
+    }
 }
 
 impl LayoutMesh {
@@ -151,17 +168,17 @@ impl Part {
     fn new(mesh: TriangleMesh, finest: f64) -> Result<Self> {
         let area = mesh.area();
         let mut shortest = SHORTEST_EDGE * finest;
-        let mut meshes =
-            vec![(shortest, simplified(&with_short_edges(mesh, LONGEST_EDGE * finest)?, shortest)?)];
+        let first = simplified(&with_short_edges(mesh, LONGEST_EDGE * finest)?, shortest)?;
+        let mut meshes = vec![PartMesh::new(first, shortest)];
         loop {
-            let finer = &meshes[meshes.len() - 1].1;
+            let finer = &meshes[meshes.len() - 1].mesh;
             shortest *= 2.0;
             let mesh = simplified(finer, shortest)?;
             // Where edges can not be collapsed any more, the topology would change.
             if mesh.positions.len() < COARSEST || 2 * mesh.positions.len() > finer.positions.len() {
                 break;
             }
-            meshes.push((shortest, mesh));
+            meshes.push(PartMesh::new(mesh, shortest));
         }
         Ok(Self { area, meshes })
     }
@@ -169,11 +186,13 @@ impl Part {
     fn layout(&self, side: f64, search: &MeshSearch) -> Result<Layout> {
         // A small component would collapse under large squares.
         let side = side.min((self.area / MIN_QUADS as f64).sqrt());
-        let is_fine = |(shortest, _): &&(f64, TriangleMesh)| *shortest <= SHORTEST_EDGE * side;
-        let (_, mesh) = self.meshes.iter().rev().find(is_fine).unwrap_or(&self.meshes[0]);
-        let lattices = lattices(mesh, side);
-        let opposite = opposites(mesh)?;
-        let mut steps = Steps::new(mesh, &opposite, &lattices);
+        let is_fine = |made: &&PartMesh| made.shortest <= SHORTEST_EDGE * side;
+        let PartMesh { mesh, prepared, .. } =
+            self.meshes.iter().rev().find(is_fine).unwrap_or(&self.meshes[0]);
+        let (field, opposite) =
+            prepared.get_or_init(|| (DirectionField::on_mesh(mesh), mesh.opposite_half_edges()));
+        let lattices = field.lattices(side);
+        let mut steps = Steps::new(mesh, opposite, &lattices);
         steps.close();
         let mut coarse = Decimation::new(mesh, lattices, &steps);
         coarse.space_evenly(search);
@@ -228,31 +247,9 @@ fn divide([a, b, c]: [u32; 3], middles: [Option<u32>; 3], triangles: &mut Vec<[u
     }
 }
 
-/// The half edge in the other direction, for each one.
-fn opposites(mesh: &TriangleMesh) -> Result<Vec<u32>> {
-    let ends = |h: usize| (mesh.triangles[h / 3][h % 3], mesh.triangles[h / 3][(h + 1) % 3]);
-    let half_edges = 3 * mesh.triangles.len();
-    let of_ends: HashMap<(u32, u32), u32> = (0..half_edges).map(|h| (ends(h), h as u32)).collect();
-    let opposite = |h: usize| {
-        let (a, b) = ends(h);
-        of_ends.get(&(b, a)).copied().ok_or_else(|| Error::input(format!("edge {a}, {b} is on a border")))
-    };
-    (0..half_edges).map(opposite).collect()
-}
-
 /// The mesh of some triangles, chosen by their numbers, without the vertices of others.
 pub(crate) fn mesh_of(mesh: &TriangleMesh, is_chosen: impl Fn(usize) -> bool) -> Result<TriangleMesh> {
-    let mut number = vec![u32::MAX; mesh.positions.len()];
-    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
-    for index in (0..mesh.triangles.len()).filter(|&index| is_chosen(index)) {
-        triangles.push(mesh.triangles[index].map(|v| {
-            let own = &mut number[v as usize];
-            if *own == u32::MAX {
-                *own = positions.len() as u32;
-                positions.push(mesh.positions[v as usize]);
-            }
-            *own
-        }));
-    }
+    let chosen = (0..mesh.triangles.len()).filter(|&index| is_chosen(index));
+    let (triangles, positions) = renumbered(chosen.map(|index| mesh.triangles[index]), &mesh.positions);
     TriangleMesh::try_new(positions, triangles)
 }

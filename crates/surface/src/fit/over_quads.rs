@@ -161,12 +161,14 @@ impl Draft {
                 let (quad, [x, y]) = place_of(cell, depth);
                 // The first corner, from inside of the cell.
                 let (leaf, local) = surface.space().locate(quad as f64 + x + 1e-9 * side, y + 1e-9 * side);
+                if usize::from(surface.space().cell_of_leaf(leaf).level) >= depth {
+                    return None;
+                }
                 let wanted = finest.positions[finest.domain.cells()[cell][0] as usize];
-                let gap = wanted - surface.leaf_point(leaf, local[0], local[1]);
-                let is_coarse = usize::from(surface.space().cell_of_leaf(leaf).level) < depth;
                 let jet = surface.leaf_jet(leaf, local[0], local[1]);
+                let gap = wanted - jet.point;
                 let off = jet.normal().map_or(gap.length(), |n| gap.dot(n).abs());
-                (is_coarse && off > reach).then_some(leaf)
+                (off > reach).then_some(leaf)
             })
             .collect();
         marked.sort_unstable();
@@ -312,6 +314,9 @@ fn divided_at_vertices(mut surface: Surface, readings: usize) -> Result<Surface>
         let marked: Vec<usize> = (0..areas.len())
             .filter(|&leaf| is_piece(space, leaf) && in_cell(leaf) >= READINGS_TO_DIVIDE)
             .collect();
+        if marked.is_empty() {
+            break;
+        }
         surface = surface.refined(Arc::new(space.refine(&marked)))?;
     }
     Ok(surface)

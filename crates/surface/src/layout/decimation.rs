@@ -167,12 +167,8 @@ impl Decimation {
     }
 
     fn flip(&mut self, (a, b): (u32, u32)) -> bool {
-        let (Some((f, first)), Some((g, second))) = (self.faces.left_of(a, b), self.faces.left_of(b, a))
-        else {
-            return false;
-        };
-        let corners = self.faces.union(first, second, (a, b));
-        let [b, c, a, d] = corners[..] else { return false };
+        let Some(both) = self.faces.sides((a, b)) else { return false };
+        let [b, c, a, d] = both.corners[..] else { return false };
         if c == d || self.faces.are_joined(c, d) || self.faces.valence(a).min(self.faces.valence(b)) <= 3 {
             return false;
         }
@@ -183,7 +179,8 @@ impl Decimation {
         if !is_shorter || step != by(c, b, d) {
             return false;
         }
-        if self.faces.replace(&[f, g], &[Face::triangle([a, d, c]), Face::triangle([d, b, c])]).is_none() {
+        if self.faces.replace(&both.faces, &[Face::triangle([a, d, c]), Face::triangle([d, b, c])]).is_none()
+        {
             return false;
         }
         self.forget((a, b));

@@ -73,6 +73,26 @@ impl Hasher for EdgeHasher {
     }
 }
 
+/// Faces whose vertices are numbered anew in the order of their use, and the positions of those in use.
+/// Numbers without a position become [`u32::MAX`].
+pub(super) fn renumbered<const N: usize>(
+    faces: impl Iterator<Item = [u32; N]>,
+    positions: &[DVec3],
+) -> (Vec<[u32; N]>, Vec<DVec3>) {
+    let mut number = vec![u32::MAX; positions.len()];
+    let mut used = Vec::new();
+    let mut new = |v: u32| {
+        let Some(own) = number.get_mut(v as usize) else { return u32::MAX };
+        if *own == u32::MAX {
+            *own = used.len() as u32;
+            used.push(positions[v as usize]);
+        }
+        *own
+    };
+    let faces = faces.map(|corners| corners.map(&mut new)).collect();
+    (faces, used)
+}
+
 /// The faces of a closed manifold.
 pub(super) struct Faces {
     faces: Vec<Option<Face>>,
@@ -164,18 +184,7 @@ impl Faces {
     /// The corners of all faces and the positions of their vertices, numbered anew. Triangles have
     /// [`u32::MAX`] as their fourth corner.
     pub(super) fn numbered(&self, positions: &[DVec3]) -> (Vec<[u32; 4]>, Vec<DVec3>) {
-        let mut number = vec![u32::MAX; positions.len()];
-        let mut used = Vec::new();
-        let mut renumbered = |v: u32| {
-            let Some(own) = number.get_mut(v as usize) else { return u32::MAX };
-            if *own == u32::MAX {
-                *own = used.len() as u32;
-                used.push(positions[v as usize]);
-            }
-            *own
-        };
-        let faces = self.all().map(|(_, face)| face.corners.map(&mut renumbered)).collect();
-        (faces, used)
+        renumbered(self.all().map(|(_, face)| face.corners), positions)
     }
 
     /// The faces around a vertex, with their numbers.
@@ -225,12 +234,22 @@ impl Faces {
         !new.is_empty() && self.replace(&old, &new).is_some()
     }
 
-    /// The corners of two faces without the edge from `a` to `b` of the first, from `b` on. The edge joins
-    /// `b` to the corner with the number of corners of the first less one.
-    pub(super) fn union(&self, first: Face, second: Face, (a, b): (u32, u32)) -> Vec<u32> {
+    /// Both faces at an edge. None if there is no such edge.
+    pub(super) fn sides(&self, (a, b): (u32, u32)) -> Option<Sides> {
+        let (Some((left, first)), Some((right, second))) = (self.left_of(a, b), self.left_of(b, a)) else {
+            return None;
+        };
         let others = second.corners_from(a).skip(1).take(second.count - 2);
-        first.corners_from(b).chain(others).collect()
+        Some(Sides { faces: [left, right], corners: first.corners_from(b).chain(others).collect() })
     }
+}
+
+/// Two faces at an edge from `a` to `b`.
+pub(super) struct Sides {
+    /// The face at the left of the edge, and the other one.
+    pub(super) faces: [u32; 2],
+    /// The corners of both, counter-clockwise from `b` on. Those of the left face come first, up to `a`.
+    pub(super) corners: Vec<u32>,
 }
 
 #[cfg(test)]
@@ -248,10 +267,9 @@ mod tests {
         assert_eq!(faces.replace(&[0], &[]), None);
         assert_eq!(faces.replace(&[0], &[Face::triangle([a, c, b])]), None);
         assert_eq!(faces.all().count(), count);
-        let (over, other) = faces.left_of(b, a).unwrap();
-        let quad = faces.union(faces.face(0).unwrap(), other, (a, b));
-        let new = Face::quad([quad[0], quad[1], quad[2], quad[3]]);
-        assert!(faces.replace(&[0, over], &[new]).is_some());
+        let both = faces.sides((a, b)).unwrap();
+        let new = Face::quad(both.corners.try_into().unwrap());
+        assert!(faces.replace(&both.faces, &[new]).is_some());
         assert_eq!(faces.all().count(), count - 1);
         let gone = faces.neighbours(c)[0];
         if faces.common_neighbours(c, gone).len() == 2 {

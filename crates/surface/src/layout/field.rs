@@ -19,46 +19,62 @@ const ROUNDS: usize = 6;
 /// Vertices of the coarsest level.
 const COARSEST: usize = 8;
 
-/// Lattices with squares of a side, for all vertices of a mesh.
-pub(super) fn lattices(mesh: &TriangleMesh, side: f64) -> Vec<Lattice> {
-    let mut levels = vec![Level::of_mesh(mesh)];
-    loop {
-        let last = levels.len() - 1;
-        let before = levels[last].places.len();
-        if before <= COARSEST {
-            break;
-        }
-        let next = levels[last].coarser();
-        // Few pairs are left where many places have a single neighbour.
-        if 10 * next.places.len() > 9 * before {
-            break;
-        }
-        levels.push(next);
-    }
-    // Directions on all levels first: positions depend on them.
-    let mut all: Vec<Vec<Lattice>> = Vec::new();
-    for level in levels.iter().rev() {
-        let mut own = level.lattices(side);
-        if let Some(coarse) = all.last() {
-            for (lattice, &parent) in own.iter_mut().zip(&level.parents) {
-                lattice.point_along(coarse[parent as usize].direction);
+/// Directions on all levels, from which lattices with squares of any side follow.
+pub(super) struct DirectionField {
+    /// The mesh first.
+    levels: Vec<Level>,
+    /// Directions of the places of each level.
+    directions: Vec<Vec<DVec3>>,
+}
+
+impl DirectionField {
+    pub(super) fn on_mesh(mesh: &TriangleMesh) -> Self {
+        let mut levels = vec![Level::of_mesh(mesh)];
+        loop {
+            let last = levels.len() - 1;
+            let before = levels[last].places.len();
+            if before <= COARSEST {
+                break;
             }
-        }
-        level.smooth_directions(&mut own);
-        all.push(own);
-    }
-    let mut coarse: Vec<Lattice> = Vec::new();
-    for (level, mut own) in levels.iter().rev().zip(all) {
-        if !coarse.is_empty() {
-            for (lattice, &parent) in own.iter_mut().zip(&level.parents) {
-                lattice.position = lattice.on_plane(coarse[parent as usize].position);
-                *lattice = lattice.nearest();
+            let next = levels[last].coarser();
+            // Few pairs are left where many places have a single neighbour.
+            if 10 * next.places.len() > 9 * before {
+                break;
             }
+            levels.push(next);
         }
-        level.smooth_positions(&mut own);
-        coarse = own;
+        let mut directions: Vec<Vec<DVec3>> = Vec::new();
+        for level in levels.iter().rev() {
+            let mut own = level.lattices(1.0);
+            if let Some(coarse) = directions.last() {
+                for (lattice, &parent) in own.iter_mut().zip(&level.parents) {
+                    lattice.point_along(coarse[parent as usize]);
+                }
+            }
+            level.smooth_directions(&mut own);
+            directions.push(own.iter().map(|lattice| lattice.direction).collect());
+        }
+        directions.reverse();
+        Self { levels, directions }
     }
-    coarse
+
+    /// Lattices with squares of a side, for all vertices of the mesh.
+    pub(super) fn lattices(&self, side: f64) -> Vec<Lattice> {
+        let mut coarse: Vec<Lattice> = Vec::new();
+        for (level, directions) in self.levels.iter().zip(&self.directions).rev() {
+            let mut own = level.lattices(side);
+            own.iter_mut().zip(directions).for_each(|(lattice, direction)| lattice.direction = *direction);
+            if !coarse.is_empty() {
+                for (lattice, &parent) in own.iter_mut().zip(&level.parents) {
+                    lattice.position = lattice.on_plane(coarse[parent as usize].position);
+                    *lattice = lattice.nearest();
+                }
+            }
+            level.smooth_positions(&mut own);
+            coarse = own;
+        }
+        coarse
+    }
 }
 
 /// A graph of places on a surface.

@@ -30,11 +30,9 @@ type Reached = HashMap<u32, (u32, Option<(u32, Edge)>)>;
 pub(super) fn pair(coarse: &mut Decimation, at: &[DVec3]) -> bool {
     let faces = &coarse.faces;
     let mut pairs: Vec<(bool, f64, Edge)> = Vec::new();
-    for edge @ (a, b) in faces.edges() {
-        let (Some((_, first)), Some((_, second))) = (faces.left_of(a, b), faces.left_of(b, a)) else {
-            continue;
-        };
-        let own = skew(&faces.union(first, second, edge), at);
+    for edge in faces.edges() {
+        let Some(both) = faces.sides(edge) else { continue };
+        let own = skew(&both.corners, at);
         let is_diagonal = coarse.is_diagonal(edge);
         if is_diagonal || own < MAX_SKEW {
             pairs.push((!is_diagonal, own, edge));
@@ -49,14 +47,10 @@ pub(super) fn pair(coarse: &mut Decimation, at: &[DVec3]) -> bool {
 }
 
 /// Makes a quad of two triangles at an edge.
-fn join(faces: &mut Faces, edge @ (a, b): Edge) -> bool {
-    let (Some((f, first)), Some((g, second))) = (faces.left_of(a, b), faces.left_of(b, a)) else {
-        return false;
-    };
-    match faces.union(first, second, edge)[..] {
-        [p, q, r, s] => faces.replace(&[f, g], &[Face::quad([p, q, r, s])]).is_some(),
-        _ => false,
-    }
+fn join(faces: &mut Faces, edge: Edge) -> bool {
+    let Some(both) = faces.sides(edge) else { return false };
+    let Ok(corners) = both.corners.try_into() else { return false };
+    faces.replace(&both.faces, &[Face::quad(corners)]).is_some()
 }
 
 /// Largest deviation of the four corners of a quad from right angles.
@@ -90,11 +84,9 @@ fn meet(faces: &mut Faces, at: &[DVec3]) -> bool {
 }
 
 /// Divides the pentagon of a triangle and a quad at an edge into a triangle at the next edge, and a quad.
-fn move_triangle(faces: &mut Faces, at: &[DVec3], edge @ (a, b): Edge, next: Edge) -> bool {
-    let (Some((f, first)), Some((g, second))) = (faces.left_of(a, b), faces.left_of(b, a)) else {
-        return false;
-    };
-    let corners = faces.union(first, second, edge);
+fn move_triangle(faces: &mut Faces, at: &[DVec3], edge: Edge, next: Edge) -> bool {
+    let Some(both) = faces.sides(edge) else { return false };
+    let corners = both.corners;
     let Some(start) = corners.iter().position(|&v| v == next.0) else { return false };
     if corners.len() != 5 || corners[(start + 1) % 5] != next.1 {
         return false;
@@ -105,7 +97,7 @@ fn move_triangle(faces: &mut Faces, at: &[DVec3], edge @ (a, b): Edge, next: Edg
         ways.swap(0, 1);
     }
     ways.into_iter().any(|(triangle, quad)| {
-        faces.replace(&[f, g], &[Face::triangle(triangle), Face::quad(quad)]).is_some()
+        faces.replace(&both.faces, &[Face::triangle(triangle), Face::quad(quad)]).is_some()
     })
 }
 
@@ -202,12 +194,10 @@ fn collapse(faces: &mut Faces, at: &mut [DVec3], quad: u32) -> bool {
 }
 
 /// Turns the edge between two quads within their hexagon, if that makes valences better.
-fn turn(faces: &mut Faces, at: &[DVec3], edge @ (a, b): Edge) -> bool {
-    let (Some((f, first)), Some((g, second))) = (faces.left_of(a, b), faces.left_of(b, a)) else {
-        return false;
-    };
-    let hexagon = faces.union(first, second, edge);
-    if f == g || hexagon.len() != 6 {
+fn turn(faces: &mut Faces, at: &[DVec3], edge: Edge) -> bool {
+    let Some(both) = faces.sides(edge) else { return false };
+    let hexagon = both.corners;
+    if both.faces[0] == both.faces[1] || hexagon.len() != 6 {
         return false;
     }
     let valence: Vec<usize> = hexagon.iter().map(|&v| faces.valence(v)).collect();
@@ -221,5 +211,5 @@ fn turn(faces: &mut Faces, at: &[DVec3], edge @ (a, b): Edge) -> bool {
     let is_square = |&start: &usize| quads(start).iter().all(|quad| skew(quad, at) < MAX_SKEW_TURNED);
     let best = [1, 2].into_iter().filter(is_square).max_by_key(|&start| gain(start));
     let Some(start) = best.filter(|&start| gain(start) > 0) else { return false };
-    faces.replace(&[f, g], &quads(start).map(Face::quad)).is_some()
+    faces.replace(&both.faces, &quads(start).map(Face::quad)).is_some()
 }
