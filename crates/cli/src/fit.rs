@@ -116,9 +116,9 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--symmetry", args.symmetry.as_ref().map(symmetry_name));
     option("--tolerance", args.tolerance.map(|t| format!("{}{}", t.value, t.unit.map_or("", Unit::name))));
     option(
-        // clap fills in this default, so only the value shows whether it was changed.
+        // A stated memory may have lowered it.
         "--max-coefficients",
-        (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),
+        Some(task::largest(args)).filter(|n| *n != defaults.max_coefficients).map(|n| n.to_string()),
     );
     option("--filter", args.filter.and_then(|f| value_name(f.to_possible_value())));
     option("--max-depth", args.max_depth.map(|d| d.to_string()));

@@ -71,7 +71,10 @@ pub(crate) use leaves::with_neighbours;
 pub use local_misfit::LeafMisfit;
 pub use misfit_report::{MisfitPlace, MisfitReport};
 pub use motion::{MotionPose, MotionReport};
-pub use options::{Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions};
+pub use options::{
+    Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions,
+    max_coefficients_within,
+};
 pub(crate) use patch::{FirstFit, first_fit_of};
 use planish_core::Setting;
 pub use propagation::PropagationReport;

@@ -152,14 +152,27 @@ impl LayoutMesh {
         Ok(Layout { domain: QuadDomain::new(&cells)?, positions })
     }
 
-    /// A layout with each quad divided into four, with its vertices on the mesh.
+    /// A layout with each quad divided into four, with its vertices on the mesh and as even as in a new
+    /// layout.
     ///
     /// # Errors
     /// As for [`QuadDomain::divided`].
     pub fn divided(&self, layout: &Layout) -> Result<Layout> {
+        self.divided_and_relaxed(layout, relaxation::ROUNDS)
+    }
+
+    /// The same for a layout that was divided before. Its vertices are nearly as even as it has them.
+    ///
+    /// # Errors
+    /// As for [`QuadDomain::divided`].
+    pub fn divided_again(&self, layout: &Layout) -> Result<Layout> {
+        self.divided_and_relaxed(layout, relaxation::FEW_ROUNDS)
+    }
+
+    fn divided_and_relaxed(&self, layout: &Layout, rounds: usize) -> Result<Layout> {
         let division = layout.domain.divided()?;
         let mut positions = division.apply(&layout.positions);
-        relaxation::relax(&division.domain, &mut positions, &self.search);
+        relaxation::relax(&division.domain, &mut positions, &self.search, rounds);
         Ok(Layout { domain: division.domain, positions })
     }
 }
@@ -203,7 +216,7 @@ impl Part {
         quads::even_out(&mut coarse.faces, &mut positions);
         let (cells, mut positions) = coarse.faces.numbered(&positions);
         let domain = QuadDomain::new(&cells)?;
-        relaxation::relax(&domain, &mut positions, search);
+        relaxation::relax(&domain, &mut positions, search, relaxation::ROUNDS);
         Ok(Layout { domain, positions })
     }
 }

@@ -102,12 +102,11 @@ pub struct FitArgs {
     #[arg(long, value_name = "CAUSE", value_enum, default_value_t = RefineByName::Residuals,
           help_heading = "Surface", hide_short_help = true)]
     pub refine_by: RefineByName,
-    /// Maximum number of control vertices
-    // The defaults repeat those of `FitOptions`, because the help shows them. A saved model records only
-    // values that differ from `FitOptions::default()`.
-    #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = max_coefficients,
+    /// Maximum number of control vertices, of which each takes about 32 KB of memory [default: 62500, which
+    /// take 2 GB, or those that half of a stated `--max-memory` holds]
+    #[arg(long, value_name = "N", value_parser = max_coefficients,
           allow_negative_numbers = true, help_heading = "Surface", hide_short_help = true)]
-    pub max_coefficients: usize,
+    pub max_coefficients: Option<usize>,
     /// Maximum chord error of meshes, as a length [default: half the median σ]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           help_heading = "Surface", hide_short_help = true)]

@@ -4,8 +4,11 @@
 //! that the user typed. The argument parser refuses pairs that conflict whatever their values.
 
 use super::args::{Completion, FilterName, FitArgs, MotionName};
-use planish::fit::{Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions};
-use planish::fit_files::FitTask;
+use planish::fit::{
+    Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions,
+    max_coefficients_within,
+};
+use planish::fit_files::{FitTask, MIN_COEFFICIENTS};
 use planish::{Error, Result};
 use std::path::PathBuf;
 
@@ -21,7 +24,7 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
             ground,
             align: args.align,
             refine_by: args.refine_by.into(),
-            max_coefficients: args.max_coefficients,
+            max_coefficients: largest(args),
             gate: args.gate,
             estimate_sigma: args.estimate_sigma,
             held_out_share: args.held_out,
@@ -35,7 +38,7 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
         shape: args.shape.map(Into::into),
         max_depth: args.max_depth,
         refine_by: args.refine_by.into(),
-        max_coefficients: args.max_coefficients,
+        max_coefficients: largest(args),
         gate: args.gate,
         estimate_sigma: args.estimate_sigma,
         held_out_share: args.held_out,
@@ -43,6 +46,16 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
         seed: args.common.seed,
         ..FitOptions::default()
     }))
+}
+
+/// Largest number of control vertices.
+pub(super) fn largest(args: &FitArgs) -> usize {
+    let default = FitOptions::default().max_coefficients;
+    args.max_coefficients.unwrap_or_else(|| match args.common.max_memory {
+        // The readings and the outputs take the other half.
+        Some(memory) => default.min(max_coefficients_within(memory / 2)).max(MIN_COEFFICIENTS),
+        None => default,
+    })
 }
 
 /// Strategy of a fit that does not update a saved model.

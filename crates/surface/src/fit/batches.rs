@@ -35,6 +35,8 @@ const READINGS_PER_COEFFICIENT: usize = 64;
 /// The batch of a point is one byte, of which [`REJECTED`] takes one value: a billion points need a gigabyte
 /// of marks, not eight.
 const MIN_BATCH: usize = 100_000;
+/// Largest batch. It shows the shape that 62,500 control vertices follow, and takes about 100 MB.
+const MAX_BATCH: usize = 1_000_000;
 const MAX_BATCHES: usize = 255;
 
 /// Batch number of points that are rejected before any batch is used.
@@ -67,7 +69,7 @@ impl<'a> Batches<'a> {
             .map(|posed| posed.scan.points.len())
             .sum();
         // Fewer than three batches would save little memory compared with one fit of all readings.
-        let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(MIN_BATCH);
+        let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).clamp(MIN_BATCH, MAX_BATCH);
         let count = loose.div_ceil(size).min(MAX_BATCHES);
         if count < 3 {
             return Ok(None);

@@ -8,11 +8,10 @@
 
 use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
-use super::folds::Folds;
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use super::options::{FitOptions, Handles};
-use super::over_quads::{enclosing_mesh, is_ball, surface_over_quads};
+use super::over_quads::{enclosing_mesh, surface_over_quads};
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, ErrorKind, Progress};
 use planish_estimate::{Error, Result};
@@ -47,9 +46,9 @@ const DIRECTIONS: [usize; 2] = [16, 8];
 
 /// The starting surface, over a base grid whose sides are multiples of `multiple`.
 ///
-/// Over a ball, points that enclose a solid with handles, or several bodies, get a surface over quads. A ball
-/// that is not star-shaped grows into the solid and is refined on the way; if it folds, it lies over quads.
-/// Other shapes are draped over the points.
+/// Points around solids that are not star-shaped get a surface over quads, with as many handles and bodies as
+/// they show. If they are too few to show that, a ball grows into the solid and is refined on the way. Other
+/// shapes, star-shaped balls among them, are draped over the points.
 ///
 /// # Errors
 /// `Undetermined` if the readings determine no shape; `Input` if the shape takes more coefficients than
@@ -82,7 +81,7 @@ pub(super) fn first_surface(
         progress.check("topology", 0.04)?;
         enclosing = if_determined(enclosing_mesh(&points, &normals, handles))?;
     }
-    if let Some(mesh) = enclosing.take_if(|mesh| !is_ball(mesh))
+    if let Some(mesh) = enclosing
         && let Some(surface) = if_determined(over_quads(mesh))?
     {
         return Ok(surface);
@@ -102,10 +101,9 @@ pub(super) fn first_surface(
                     && cells(level) <= options.max_coefficients
             })
             .count();
-        let grown = grow(&base, grid, levels, &points, &indicator, &|share| {
+        grow(&base, grid, levels, &points, &indicator, &|share| {
             progress.check("growing", 0.05 + 0.35 * share)
-        })?;
-        less_folded(grown, || enclosing.map_or(Ok(None), |mesh| if_determined(over_quads(mesh))))
+        })
     } else {
         let whole = size * (1 + observations.intake.later_batches);
         drape(&base, grid, &points, whole, !observations.scan_errors.is_empty(), options)
@@ -119,19 +117,6 @@ fn if_determined<T>(found: Result<T>) -> Result<Option<T>> {
         Err(error) if error.kind() == ErrorKind::Undetermined => Ok(None),
         Err(error) => Err(error),
     }
-}
-
-/// A surface, or another one if the first passes through itself at more places.
-fn less_folded(surface: Surface, other: impl FnOnce() -> Result<Option<Surface>>) -> Result<Surface> {
-    let folds = |surface: &Surface| Folds::of(surface, &[]).map(|found| found.places.len());
-    let own = folds(&surface)?;
-    if own > 0
-        && let Some(other) = other()?
-        && folds(&other)? < own
-    {
-        return Ok(other);
-    }
-    Ok(surface)
 }
 
 /// True if the readings see a ball's solid as star-shaped: their normals face away from its centre.

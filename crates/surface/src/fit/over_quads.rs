@@ -16,8 +16,11 @@ use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_mesh::{MeshSearch, TriangleMesh, isosurface};
 use planish_sense::Neighbourhoods;
-use planish_spline::{Hierarchy, Surface, TessellationOptions, tessellate};
+use planish_spline::{
+    FootPointSearch, Hierarchy, ProjectionOptions, Surface, TessellationOptions, tessellate,
+};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Most grid cells along each side. A complex grid then takes 113 MB.
@@ -46,6 +49,9 @@ const READINGS_TO_DIVIDE: f64 = 2.0;
 const MAX_DEPTH: usize = 3;
 /// Most divisions along a side of a leaf for a mesh of the surface.
 const MAX_DIVISIONS: u32 = 4;
+/// Rounds in which vertices move to tips, and how far tips are from the surface, as a share of a quad's side.
+const TIP_ROUNDS: usize = 3;
+const TIP_SHARE: f64 = 0.2;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
@@ -67,15 +73,18 @@ pub(super) fn surface_over_quads(
     // Each quad is divided into four.
     let meshed = LayoutMesh::new(mesh, (cells / 4).max(FEWEST_QUADS))?;
     // Where cells are divided, the finest ones are a part of all.
-    let finest = (readings / READINGS_PER_QUAD).min(8 * max_coefficients);
+    let finest = (readings / READINGS_PER_QUAD).min(meshed.mesh().positions.len());
     let mut best: Option<(f64, Surface)> = None;
     let mut quads = FEWEST_QUADS;
     loop {
         progress.check("layout", 0.05 + 0.35 * quads as f64 / (quads + meshed.most()) as f64)?;
         let is_last = quads >= meshed.most();
-        match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface(meshed.mesh())) {
+        let mut more = quads;
+        match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface()) {
             Ok(surface) => {
                 let defect = defect(&surface, meshed.mesh())?;
+                // A few more quads do not part what passes through itself.
+                more = if defect > 1.0 { quads } else { quads / 2 };
                 let is_near = defect <= MAX_MISSED;
                 if best.as_ref().is_none_or(|(least, _)| defect < *least) {
                     best = Some((defect, surface));
@@ -92,7 +101,7 @@ pub(super) fn surface_over_quads(
         if is_last {
             break;
         }
-        quads += quads / 2;
+        quads += more;
     }
     let (_, surface) = best.ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
     divided_at_vertices(surface, readings)
@@ -116,29 +125,38 @@ fn edge_of(mesh: &TriangleMesh) -> f64 {
 }
 
 /// A layout, and its divisions with their vertices on the mesh.
-struct Draft {
+struct Draft<'a> {
+    meshed: &'a LayoutMesh,
+    /// Most cells of a division.
+    finest: usize,
     layouts: Vec<Layout>,
 }
 
-impl Draft {
-    fn new(meshed: &LayoutMesh, quads: usize, finest: usize) -> Result<Self> {
+impl<'a> Draft<'a> {
+    fn new(meshed: &'a LayoutMesh, quads: usize, finest: usize) -> Result<Self> {
         // Divided once, since no cell can have two extraordinary vertices.
-        let mut layouts = vec![meshed.divided(&meshed.layout(quads)?)?];
-        let cells = |layout: &Layout| layout.domain.cells().len();
-        while layouts.len() <= MAX_DEPTH && 4 * cells(&layouts[layouts.len() - 1]) <= finest {
-            layouts.push(meshed.divided(&layouts[layouts.len() - 1])?);
-        }
-        Ok(Self { layouts })
+        Ok(Self { meshed, finest, layouts: vec![meshed.divided(&meshed.layout(quads)?)?] })
     }
 
     /// The surface over the layout that passes through positions of the finest division, with cells divided
     /// where it is not near others.
-    fn surface(&self, mesh: &TriangleMesh) -> Result<Surface> {
-        let reach = NEAR * edge_of(mesh);
-        let first = &self.layouts[0];
-        let space = Arc::new(Hierarchy::over(Arc::new(first.domain.clone()))?);
-        let mut surface = self.interpolating(Surface::new(space, first.positions.clone())?)?;
-        for _ in 1..self.layouts.len() {
+    fn surface(mut self) -> Result<Surface> {
+        let reach = NEAR * edge_of(self.meshed.mesh());
+        let space = Arc::new(Hierarchy::over(Arc::new(self.layouts[0].domain.clone()))?);
+        let mut surface = Surface::new(space, self.layouts[0].positions.clone())?;
+        for _ in 0..TIP_ROUNDS {
+            surface = self.interpolating(surface)?;
+            if !self.reach_tips(&surface, reach)? {
+                break;
+            }
+        }
+        surface = self.interpolating(surface)?;
+        while self.layouts.len() <= MAX_DEPTH {
+            let last = &self.layouts[self.layouts.len() - 1];
+            if 4 * last.domain.cells().len() > self.finest {
+                break;
+            }
+            self.layouts.push(self.meshed.divided_again(last)?);
             let marked = self.missed(&surface, reach);
             if marked.is_empty() {
                 break;
@@ -147,6 +165,44 @@ impl Draft {
             surface = self.interpolating(surface.refined(finer)?)?;
         }
         Ok(surface)
+    }
+
+    /// Moves vertices of the layout to tips of the mesh that the surface does not reach; false if there are
+    /// none.
+    ///
+    /// Even squares end before a tip that is narrower than they are, and all of their divisions do as well.
+    fn reach_tips(&mut self, surface: &Surface, reach: f64) -> Result<bool> {
+        let mesh = self.meshed.mesh();
+        let layout = &mut self.layouts[0];
+        let side = (mesh.area() / layout.domain.cells().len() as f64).sqrt();
+        let search = FootPointSearch::new(surface, 2, 0.0)?;
+        let step = mesh.positions.len().div_ceil(MAX_TESTED).max(1);
+        let missed: Vec<(u32, f64, DVec3)> = (0..mesh.positions.len())
+            .into_par_iter()
+            .step_by(step)
+            .filter_map(|index| {
+                let position = mesh.positions[index];
+                let start = search.nearest(position, DVec3::ZERO);
+                let foot = surface.project(position, start, &ProjectionOptions::default());
+                let off = foot.jet.point.distance(position);
+                let [u, v] = start;
+                let quad = (u as usize).min(layout.domain.cells().len() - 1);
+                let corner = corner_number([u - quad as f64, v].map(|t| u32::from(t > 0.5)));
+                (off > reach.max(TIP_SHARE * side))
+                    .then(|| (layout.domain.cells()[quad][corner], off, position))
+            })
+            .collect();
+        let mut farthest: BTreeMap<u32, (f64, DVec3)> = BTreeMap::new();
+        for (vertex, off, position) in missed {
+            let own = farthest.entry(vertex).or_insert((off, position));
+            if off > own.0 {
+                *own = (off, position);
+            }
+        }
+        for (&vertex, &(_, position)) in &farthest {
+            layout.positions[vertex as usize] = position;
+        }
+        Ok(!farthest.is_empty())
     }
 
     /// Leaves in which vertices of the finest division are further from the surface than `reach`, along its
@@ -225,11 +281,6 @@ fn place_of(cell: usize, depth: usize) -> (usize, [f64; 2]) {
         quad /= 4;
     }
     (quad, at)
-}
-
-/// True if a closed mesh has one component without handles.
-pub(super) fn is_ball(mesh: &TriangleMesh) -> bool {
-    bodies_and_handles(mesh) == [1, 0]
 }
 
 /// The border of the solid that points with outward normals enclose: the level set of the weakest blur of

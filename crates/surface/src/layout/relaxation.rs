@@ -11,7 +11,9 @@ use planish_spline::QuadDomain;
 use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
 
-const ROUNDS: usize = 20;
+/// Rounds for a new layout, and for one of which the vertices are even already.
+pub(super) const ROUNDS: usize = 20;
+pub(super) const FEW_ROUNDS: usize = 2;
 /// Share of the way to the mean of the corners of squares.
 const STEP: f64 = 0.7;
 /// Smallest square, as a share of the mean distance of the corners from the middle of their quad.
@@ -20,7 +22,7 @@ const MIN_SIZE: f64 = 0.5;
 const SQUARE: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
 
 /// Moves the vertices of a closed domain along a mesh.
-pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &MeshSearch) {
+pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &MeshSearch, rounds: usize) {
     let mut corners_of = vec![Vec::new(); positions.len()];
     for (q, quad) in domain.cells().iter().enumerate() {
         (0..4).for_each(|k| corners_of[quad[k] as usize].push((q, k)));
@@ -33,7 +35,7 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &Mesh
     }
     let mut on: Vec<(DVec3, DVec3)> =
         positions.par_iter().zip(&normals).map(|(&p, &normal)| nearest(mesh, p, normal)).collect();
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         let squares: Vec<[DVec3; 4]> =
             domain.cells().par_iter().map(|quad| square_near(quad.map(|v| on[v as usize]))).collect();
         on = (0..on.len())
