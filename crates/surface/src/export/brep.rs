@@ -16,6 +16,7 @@
 //! forms*, CAGD 1989.
 
 mod over_quads;
+mod rectangles;
 
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};

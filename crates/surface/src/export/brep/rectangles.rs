@@ -1,0 +1,214 @@
+//! Partition of a mesh of quads into few rectangles.
+//!
+//! Input: a [`QuadDomain`]. Output: rectangles of `m × n` quads that cover each quad once. All their inner
+//! vertices have four quads, and no vertex is twice on the boundary of one, so no rectangle closes on itself.
+//!
+//! A line runs from each extraordinary vertex along each of its edges, straight ahead, until it meets another
+//! line or a border. All lines advance at the same speed, so none cuts through far regions. What they leave
+//! are rectangles; tubes and tori without extraordinary vertices are divided.
+//!
+//! Not guaranteed: the smallest number of rectangles.
+//!
+//! # References
+//! Eppstein, Goodrich, Kim, Tamstorf, *Motorcycle graphs: canonical quad mesh partitioning*, SGP 2008.
+
+use planish_spline::QuadDomain;
+use std::collections::HashMap;
+
+/// A rectangle of quads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Rectangle {
+    pub(super) columns: usize,
+    /// Row by row from the bottom: the half edge of each quad that is its lower side. Half edge `4 q + k` is
+    /// side `k` of quad `q`.
+    pub(super) bottoms: Vec<u32>,
+}
+
+/// The half edge `steps` sides after another one of the same quad.
+fn turned(half_edge: u32, steps: u32) -> u32 {
+    half_edge / 4 * 4 + (half_edge + steps) % 4
+}
+
+impl Rectangle {
+    pub(super) fn rows(&self) -> usize {
+        self.bottoms.len() / self.columns
+    }
+
+    /// Columns and rows.
+    pub(super) fn size(&self) -> [usize; 2] {
+        [self.columns, self.rows()]
+    }
+
+    /// The quads, each by its lower side, along a side of the rectangle, in the order of its parameter.
+    pub(super) fn along(&self, side: usize) -> Vec<u32> {
+        let [columns, rows] = self.size();
+        match side {
+            0 => self.bottoms[..columns].to_vec(),
+            1 => (1..=rows).map(|row| self.bottoms[row * columns - 1]).collect(),
+            2 => self.bottoms[(rows - 1) * columns..].to_vec(),
+            _ => (0..rows).map(|row| self.bottoms[row * columns]).collect(),
+        }
+    }
+
+    /// The vertices along a side, counter-clockwise around the rectangle.
+    pub(super) fn vertices(&self, domain: &QuadDomain, side: usize) -> Vec<u32> {
+        let mut quads = self.along(side);
+        if side > 1 {
+            quads.reverse();
+        }
+        let corner = |bottom: u32, k: usize| {
+            let half_edge = turned(bottom, k as u32);
+            domain.cells()[(half_edge / 4) as usize][(half_edge % 4) as usize]
+        };
+        let last = quads.last().map(|&bottom| corner(bottom, (side + 1) % 4));
+        quads.iter().map(|&bottom| corner(bottom, side)).chain(last).collect()
+    }
+
+    /// The two parts on both sides of a line across a direction, `at` quads from the start.
+    pub(super) fn divided(&self, direction: usize, at: usize) -> [Self; 2] {
+        let (columns, rows) = (self.columns, self.rows());
+        if direction == 1 {
+            let (low, high) = self.bottoms.split_at(at * columns);
+            return [low, high].map(|bottoms| Self { columns, bottoms: bottoms.to_vec() });
+        }
+        [0..at, at..columns].map(|kept| Self {
+            columns: kept.len(),
+            bottoms: (0..rows)
+                .flat_map(|row| &self.bottoms[row * columns..][kept.clone()])
+                .copied()
+                .collect(),
+        })
+    }
+
+    /// Where to divide a rectangle that touches itself: halfway between two places of the same vertex.
+    fn touches_itself(&self, domain: &QuadDomain) -> Option<(usize, usize)> {
+        let [m, n] = self.size();
+        let mut places: HashMap<u32, [usize; 2]> = HashMap::new();
+        for side in 0..4 {
+            let vertices = self.vertices(domain, side);
+            for (k, &vertex) in vertices[1..].iter().enumerate() {
+                let along = k + 1;
+                let place = match side {
+                    0 => [along, 0],
+                    1 => [m, along],
+                    2 => [m - along, n],
+                    _ => [0, n - along],
+                };
+                let Some(other) = places.insert(vertex, place) else { continue };
+                let apart = [0, 1].map(|d| place[d].abs_diff(other[d]));
+                // Vertices of one quad differ, so at least one distance is two.
+                let direction = usize::from(apart[1] > apart[0]);
+                return Some((direction, (place[direction] + other[direction]) / 2));
+            }
+        }
+        None
+    }
+}
+
+/// The rectangles of a domain. `divide` may return where to divide one that is too large: across a direction,
+/// a number of quads from the start.
+pub(super) fn rectangles(
+    domain: &QuadDomain,
+    divide: impl Fn(&Rectangle) -> Option<(usize, usize)>,
+) -> Vec<Rectangle> {
+    let cuts = cut_edges(domain);
+    let mut taken = vec![false; domain.cells().len()];
+    let mut all = Vec::new();
+    for quad in 0..domain.cells().len() as u32 {
+        if taken[quad as usize] {
+            continue;
+        }
+        let mut open = vec![grown(domain, &cuts, 4 * quad, &mut taken)];
+        while let Some(rectangle) = open.pop() {
+            match rectangle.touches_itself(domain).or_else(|| divide(&rectangle)) {
+                Some((direction, at)) => open.extend(rectangle.divided(direction, at)),
+                None => all.push(rectangle),
+            }
+        }
+    }
+    all
+}
+
+fn opposite(domain: &QuadDomain, half_edge: u32) -> Option<u32> {
+    domain.neighbour(half_edge / 4, half_edge % 4).map(|(quad, side)| 4 * quad + side)
+}
+
+/// The half edges that rectangles may not cross.
+fn cut_edges(domain: &QuadDomain) -> Vec<bool> {
+    let start = |h: u32| domain.cells()[(h / 4) as usize][(h % 4) as usize];
+    let mut is_met = vec![false; domain.inner_vertex_count()];
+    let half_edges = 0..4 * domain.cells().len() as u32;
+    for h in half_edges.clone() {
+        if opposite(domain, h).is_none() {
+            is_met[start(h) as usize] = true;
+        }
+    }
+    let mut is_extraordinary = vec![false; domain.inner_vertex_count()];
+    for vertex in domain.extraordinary_vertices() {
+        is_met[vertex as usize] = true;
+        is_extraordinary[vertex as usize] = true;
+    }
+    let mut cut = vec![false; half_edges.len()];
+    let mut heads: Vec<u32> = half_edges.filter(|&h| is_extraordinary[start(h) as usize]).collect();
+    while !heads.is_empty() {
+        let mut next = Vec::new();
+        for h in heads {
+            if std::mem::replace(&mut cut[h as usize], true) {
+                continue;
+            }
+            if let Some(other) = opposite(domain, h) {
+                cut[other as usize] = true;
+            }
+            let end = start(turned(h, 1)) as usize;
+            if !std::mem::replace(&mut is_met[end], true) {
+                next.extend(opposite(domain, turned(h, 1)).map(|other| turned(other, 1)));
+            }
+        }
+        heads = next;
+    }
+    cut
+}
+
+/// The largest rectangle around a quad that crosses no cut and has no quad that is taken; its quads are taken
+/// then.
+fn grown(domain: &QuadDomain, cuts: &[bool], first: u32, taken: &mut [bool]) -> Rectangle {
+    let is_taken = |taken: &[bool], bottom: u32| taken[(bottom / 4) as usize];
+    // The quad beyond a side of another one, by its lower side.
+    let beyond = |bottom: u32, side: u32| {
+        let across = turned(bottom, side);
+        let other = opposite(domain, across).filter(|_| !cuts[across as usize])?;
+        Some(turned(other, 6 - side))
+    };
+    let mut corner = first;
+    for side in [3, 0] {
+        let start = corner;
+        while let Some(next) =
+            beyond(corner, side).filter(|&next| !is_taken(taken, next) && next / 4 != start / 4)
+        {
+            corner = next;
+        }
+    }
+    let mut bottoms = vec![corner];
+    taken[(corner / 4) as usize] = true;
+    while let Some(next) = beyond(bottoms[bottoms.len() - 1], 1).filter(|&next| !is_taken(taken, next)) {
+        taken[(next / 4) as usize] = true;
+        bottoms.push(next);
+    }
+    let columns = bottoms.len();
+    loop {
+        let mut row: Vec<u32> = Vec::with_capacity(columns);
+        for &below in &bottoms[bottoms.len() - columns..] {
+            let Some(next) = beyond(below, 2).filter(|&next| !is_taken(taken, next)) else { break };
+            if row.last().is_some_and(|&left| beyond(left, 1) != Some(next)) {
+                break;
+            }
+            taken[(next / 4) as usize] = true;
+            row.push(next);
+        }
+        if row.len() < columns {
+            row.into_iter().for_each(|bottom| taken[(bottom / 4) as usize] = false);
+            return Rectangle { columns, bottoms };
+        }
+        bottoms.extend(row);
+    }
+}
