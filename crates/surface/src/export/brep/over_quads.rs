@@ -3,7 +3,8 @@
 //! A face has the knot lines of all leaves of its quads. Its control points are blossoms of the leaves, so the
 //! surface is exact, and fine leaves add knot lines only where they are. Across most lines, second derivatives
 //! are continuous; those of the pieces at an extraordinary vertex have continuous first derivatives, so their
-//! knots are double. A rectangle with more control points than its quads have on their own is divided.
+//! knots are double. A rectangle is divided if fine leaves in some of its quads would give it more than twice the
+//! control points that its quads have on their own.
 //!
 //! # References
 //! Ramshaw, *Blossoms are polar forms*, CAGD 1989.
@@ -17,6 +18,11 @@ use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use planish_spline::{Cell, Hierarchy, QuadDomain, Surface};
 use std::collections::BTreeMap;
+
+/// A rectangle may have this many times the control points of its quads on their own. With 1, fits of nine
+/// objects had 1.6 to 3 times as many faces and 10 to 30 % fewer control points. With 3, they had the same as
+/// with 2.
+const MAX_GROWTH: usize = 2;
 
 /// The faces of all rectangles of a domain.
 pub(super) fn brep(surface: &Surface, domain: &QuadDomain) -> Brep {
@@ -159,10 +165,11 @@ impl KnotLines {
         [0, 1].map(|d| pole_count(&self.knots(rectangle, d))).into_iter().product()
     }
 
-    /// Where to divide a rectangle that has more control points than its quads on their own.
+    /// Where to divide a rectangle that has too many control points.
     fn division(&self, rectangle: &Rectangle) -> Option<(usize, usize)> {
         let alone = |&bottom: &u32| self.control_points(&Rectangle { columns: 1, bottoms: vec![bottom] });
-        if self.control_points(rectangle) <= rectangle.bottoms.iter().map(alone).sum::<usize>() {
+        let of_quads: usize = rectangle.bottoms.iter().map(alone).sum();
+        if self.control_points(rectangle) <= MAX_GROWTH * of_quads {
             return None;
         }
         let lines = [0, 1].into_iter().flat_map(|d| (1..rectangle.size()[d]).map(move |at| (d, at)));

@@ -237,7 +237,7 @@ fn places(rectangle: &Rectangle) -> Vec<([f64; 2], [f64; 2])> {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let mut made = Vec::new();
     for (k, &bottom) in rectangle.bottoms.iter().enumerate() {
-        for _ in 0..20 {
+        for _ in 0..8 {
             let [s, t]: [f64; 2] = [random.random(), random.random()];
             let [x, y] = [[s, t], [1.0 - t, s], [1.0 - s, 1.0 - t], [t, 1.0 - s]][(bottom % 4) as usize];
             let from = [k % rectangle.columns, k / rectangle.columns].map(|n| n as f64);
@@ -254,7 +254,7 @@ fn point_count(brep: &Brep) -> usize {
 #[test]
 fn faces_equal_the_surface_and_are_bounded_by_their_edges() {
     for mesh in meshes() {
-        for rounds in 0..3 {
+        for rounds in [0, 2] {
             let surface = mesh.surface(rounds);
             let lines = KnotLines::new(surface.space(), &mesh.domain);
             let all = rectangles(&mesh.domain, |rectangle| lines.division(rectangle));
@@ -306,8 +306,32 @@ fn numbers_of_vertices_edges_and_faces_match_the_topology() {
     }
 }
 
+/// Fine leaves on a diagonal would put fine knots across all of a large face.
 #[test]
-fn large_faces_never_need_more_points_than_small_ones() {
+fn faces_with_few_fine_leaves_are_divided() {
+    let sheet = Quads::grid("sheet", [16, 16], [false, false]);
+    let mut surface = sheet.surface(0);
+    for _ in 0..4 {
+        let space = surface.space();
+        let on_diagonal = |k: &usize| {
+            let cell = space.leaves()[*k];
+            let quad = cell.i >> cell.level;
+            quad % 16 == quad / 16
+        };
+        let marked: Vec<usize> = (0..space.leaves().len()).filter(on_diagonal).collect();
+        surface = surface.refined(space.refine(&marked).into()).unwrap();
+    }
+    let brep = brep_from_surface(&surface, &BrepOptions::default());
+    brep.check(1e-9).unwrap();
+    let lines = KnotLines::new(surface.space(), &sheet.domain);
+    let whole = partition(&sheet);
+    let [points, undivided] = [point_count(&brep), lines.control_points(&whole[0])];
+    assert_eq!(whole.len(), 1);
+    assert!(brep.faces.len() > 1 && 2 * points < undivided, "{} faces, {points} points", brep.faces.len());
+}
+
+#[test]
+fn large_faces_need_at_most_twice_the_points_of_small_ones() {
     for mesh in meshes() {
         let surface = mesh.surface(3);
         let lines = KnotLines::new(surface.space(), &mesh.domain);
@@ -315,6 +339,6 @@ fn large_faces_never_need_more_points_than_small_ones() {
         let alone =
             quads.map(|bottom| lines.control_points(&Rectangle { columns: 1, bottoms: vec![bottom] }));
         let brep = brep_from_surface(&surface, &BrepOptions::default());
-        assert!(point_count(&brep) <= alone.sum::<usize>(), "{}", mesh.name);
+        assert!(point_count(&brep) <= 2 * alone.sum::<usize>(), "{}", mesh.name);
     }
 }
