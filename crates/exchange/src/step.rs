@@ -6,8 +6,9 @@
 //!
 //! **Output.** `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
 //! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file. Faces that share edges form a shell. If all shells
-//! are closed, each is a solid, else all form a surface model. The surface is exact: every number is the shortest text that reads back as the same `f64`. The file
-//! is streamed; the same input gives the same bytes (no clock time, host or user in the header).
+//! are closed, each is a solid, else all form a surface model. The surface is exact: every number is the
+//! shortest text that reads back as the same `f64`. The file is streamed; the same input gives the same bytes
+//! (no clock time, host or user in the header).
 //!
 //! A side of a face whose control points coincide (the pole of a ball) is not part of the loop of the face:
 //! the edges of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.

@@ -1,10 +1,10 @@
 //! Faces of a surface over quads: one for each rectangle of quads.
 //!
-//! A face has the knot lines of all leaves of its quads. Its control points are blossoms of the leaves, so the
-//! surface is exact, and fine leaves add knot lines only where they are. Across most lines, second derivatives
-//! are continuous; those of the pieces at an extraordinary vertex have continuous first derivatives, so their
-//! knots are double. A rectangle is divided if fine leaves in some of its quads would give it more than twice the
-//! control points that its quads have on their own.
+//! A face has the knot lines of all leaves of its quads. Its control points are blossoms of the leaves, so
+//! the surface is exact, and fine leaves add knot lines only where they are. Across most lines, second
+//! derivatives are continuous; those of the pieces at an extraordinary vertex have continuous first
+//! derivatives, so their knots are double. A rectangle is divided if fine leaves in some of its quads would
+//! give it more than twice the control points that its quads have on their own.
 //!
 //! # References
 //! Ramshaw, *Blossoms are polar forms*, CAGD 1989.
@@ -208,8 +208,8 @@ fn blossoms(knots: &[(i64, usize)]) -> Vec<([i64; 3], f64)> {
     (0..all.len() - 4)
         .map(|first| {
             let own = support(first);
-            // A blossom far beyond a small leaf would magnify its rounding, so the largest is taken, and of equal
-            // ones the one in the middle.
+            // A blossom far beyond a small leaf would magnify its rounding, so the largest is taken, and of
+            // equal ones the one in the middle.
             let largest =
                 [1, 2, 0, 3].into_iter().rev().max_by_key(|&k: &usize| own[k + 1] - own[k]).unwrap_or(1);
             ([own[1], own[2], own[3]], 0.5 * (own[largest] + own[largest + 1]) as f64)
