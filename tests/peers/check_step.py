@@ -7,21 +7,24 @@ Lengths are in millimetres for any unit of the file. Exits with 1 if a file cann
 """
 
 import json
+import math
 import sys
 from collections import Counter
 
 from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.BRepAdaptor import BRepAdaptor_Curve2d, BRepAdaptor_Surface
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
+from OCP.gp import gp_Pnt, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.IFSelect import IFSelect_RetDone
 from OCP.STEPControl import STEPControl_Reader
 from OCP.TopAbs import (
     TopAbs_EDGE,
     TopAbs_FACE,
+    TopAbs_REVERSED,
     TopAbs_SHELL,
     TopAbs_SOLID,
     TopAbs_VERTEX,
@@ -30,8 +33,12 @@ from OCP.TopExp import TopExp
 from OCP.TopoDS import TopoDS
 
 try:  # Open Cascade 8
+    from OCP.collections import (
+        IndexedDataMap_TopoDS_Shape_List_TopoDS_Shape_TopTools_ShapeMapHasher as FacesOfEdges,
+    )
     from OCP.collections import IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher as IndexedMap
 except ImportError:
+    from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as FacesOfEdges
     from OCP.TopTools import TopTools_IndexedMapOfShape as IndexedMap
 
 # Relative accuracy of areas and volumes.
@@ -60,6 +67,34 @@ def tolerance(shape):
     vertices = [BRep_Tool.Tolerance_s(as_vertex(v)) for v in parts(shape, TopAbs_VERTEX)]
     edges = [BRep_Tool.Tolerance_s(as_edge(e)) for e in parts(shape, TopAbs_EDGE)]
     return max(vertices + edges, default=0.0)
+
+
+def normal_at(edge, face, t):
+    """The outer normal of a face at a parameter of one of its edges."""
+    place = BRepAdaptor_Curve2d(edge, face).Value(t)
+    point, along_u, along_v = gp_Pnt(), gp_Vec(), gp_Vec()
+    BRepAdaptor_Surface(face, False).D1(place.X(), place.Y(), point, along_u, along_v)
+    normal = along_u.Crossed(along_v)
+    return normal.Reversed() if face.Orientation() == TopAbs_REVERSED else normal
+
+
+def crease(shape):
+    """Maximum angle in degrees between the normals of neighbouring faces, along their common edges."""
+    faces_of = FacesOfEdges()
+    TopExp.MapShapesAndAncestors_s(shape, TopAbs_EDGE, TopAbs_FACE, faces_of)
+    largest = 0.0
+    for i in range(1, faces_of.Extent() + 1):
+        edge = as_edge(faces_of.FindKey(i))
+        faces = [as_face(face) for face in faces_of.FindFromIndex(i)]
+        if len(faces) != 2 or BRep_Tool.Degenerated_s(edge):
+            continue
+        curve = BRepAdaptor_Curve2d(edge, faces[0])
+        start, end = curve.FirstParameter(), curve.LastParameter()
+        for k in range(1, 20):
+            normals = [normal_at(edge, face, start + (end - start) * k / 20) for face in faces]
+            if all(normal.Magnitude() > 0.0 for normal in normals):
+                largest = max(largest, normals[0].Angle(normals[1]))
+    return math.degrees(largest)
 
 
 def check(path):
@@ -91,6 +126,7 @@ def check(path):
         "volume": volume.Mass() if solids else None,
         "box": [[p.X(), p.Y(), p.Z()] for p in (low, high)],
         "tolerance": tolerance(shape),
+        "crease_deg": crease(shape),
         "surfaces": dict(Counter(surface_type(f) for f in faces)),
     }
 

@@ -5,9 +5,10 @@
 //! ([`write_solid`]).
 //!
 //! **Output.** `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
-//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid if the shell is closed, else a surface
-//! model. The surface is exact: every number is the shortest text that reads back as the same `f64`. The file
-//! is streamed; the same input gives the same bytes (no clock time, host or user in the header).
+//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file. Faces that share edges form a shell. If all shells
+//! are closed, each is a solid, else all form a surface model. The surface is exact: every number is the
+//! shortest text that reads back as the same `f64`. The file is streamed; the same input gives the same bytes
+//! (no clock time, host or user in the header).
 //!
 //! A side of a face whose control points coincide (the pole of a ball) is not part of the loop of the face:
 //! the edges of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.
@@ -202,12 +203,16 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
 fn write_items<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Result<(Vec<Id>, bool)> {
     let solid = match what {
         Shape::Splines(brep) => {
-            let shell = write_shell(out, brep)?;
-            let item = match brep.closed {
-                true => out.add(format_args!("MANIFOLD_SOLID_BREP({name},{shell})"))?,
-                false => out.add(format_args!("SHELL_BASED_SURFACE_MODEL({name},({shell}))"))?,
-            };
-            return Ok((vec![item], brep.closed));
+            let shells = write_shells(out, brep)?;
+            if !brep.closed {
+                let model = out.add_list(&format!("SHELL_BASED_SURFACE_MODEL({name},"), &shells)?;
+                return Ok((vec![model], false));
+            }
+            let solids: io::Result<Vec<Id>> = shells
+                .iter()
+                .map(|shell| out.add(format_args!("MANIFOLD_SOLID_BREP({name},{shell})")))
+                .collect();
+            return Ok((solids?, true));
         }
         Shape::Solid(solid) => solid,
     };
@@ -331,7 +336,8 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &BsplineSurface) -> io:
     Ok(id)
 }
 
-fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
+/// Writes a shell for each set of faces that share edges.
+fn write_shells<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Vec<Id>> {
     // Vertices and edges are written once and shared, by which readers recognise a closed shell.
     let mut vertices = Vec::with_capacity(brep.vertices.len());
     for vertex in &brep.vertices {
@@ -355,7 +361,12 @@ fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
         let sense = if face.same_sense { "T" } else { "F" };
         faces.push(out.add(format_args!("ADVANCED_FACE('',({}),{surface},.{sense}.)", bounds.join(",")))?);
     }
-    out.add_list(if brep.closed { "CLOSED_SHELL(''," } else { "OPEN_SHELL(''," }, &faces)
+    let shells = brep.shells().into_iter().map(|shell| {
+        let kind = if brep.is_closed(&shell) { "CLOSED_SHELL(''," } else { "OPEN_SHELL(''," };
+        let own: Vec<Id> = shell.into_iter().map(|face| faces[face]).collect();
+        out.add_list(kind, &own)
+    });
+    shells.collect()
 }
 
 /// Writes one loop of a face over edges that were written.

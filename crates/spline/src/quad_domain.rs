@@ -103,6 +103,23 @@ impl QuadDomain {
         (0..self.inner_vertices as u32).filter(|&v| self.valence(v) != 4).collect()
     }
 
+    /// The quad across a side of a quad, and which of its sides that is; none at a border. Side `k` runs from
+    /// corner `k` to the next one.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::QuadDomain;
+    /// let strip = QuadDomain::new(&[[0, 1, 4, 3], [4, 1, 2, 5]])?;
+    /// assert_eq!(strip.neighbour(0, 1), Some((1, 0)));
+    /// assert_eq!(strip.neighbour(0, 0), None);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    #[must_use]
+    pub fn neighbour(&self, quad: u32, side: u32) -> Option<(u32, u32)> {
+        let opposite = self.edges.opposite(4 * quad + side)?;
+        ((opposite as usize) < 4 * self.cells).then_some((opposite / 4, opposite % 4))
+    }
+
     /// Number of border loops.
     #[must_use]
     pub fn borders(&self) -> usize {

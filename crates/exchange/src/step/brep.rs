@@ -6,7 +6,8 @@
 //!
 //! **Limits.** It is not checked that curves lie on surfaces.
 
-use planish_core::DVec3;
+use planish_core::{DVec3, DisjointSets};
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::Display;
 
 use planish_estimate::{Error, Result};
@@ -67,7 +68,7 @@ pub struct BrepFace {
     pub same_sense: bool,
 }
 
-/// A shell of B-spline faces.
+/// B-spline faces, which form one or several shells.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Brep {
     /// Vertices.
@@ -76,7 +77,7 @@ pub struct Brep {
     pub edges: Vec<BrepEdge>,
     /// Faces between the edges.
     pub faces: Vec<BrepFace>,
-    /// True if the faces enclose a solid.
+    /// True if each shell encloses a solid.
     pub closed: bool,
 }
 
@@ -188,6 +189,39 @@ impl Brep {
             ))),
             _ => Ok(()),
         }
+    }
+
+    /// The shells: the faces of each set of faces that share edges, by index.
+    ///
+    /// # Panics
+    /// If an edge of a face does not exist, which [`Brep::check`] reports.
+    #[must_use]
+    pub fn shells(&self) -> Vec<Vec<usize>> {
+        let mut sets = DisjointSets::new(self.faces.len());
+        let mut first = vec![None; self.edges.len()];
+        for (number, face) in self.faces.iter().enumerate() {
+            for &(edge, _) in face.edges.iter().chain(face.holes.iter().flatten()) {
+                let other = *first[edge].get_or_insert(number);
+                sets.join(other as u32, number as u32);
+            }
+        }
+        let mut shells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        let mut first = HashMap::new();
+        for (number, root) in sets.into_roots().into_iter().enumerate() {
+            // Ordered by the first face of each.
+            shells.entry(*first.entry(root).or_insert(number)).or_default().push(number);
+        }
+        shells.into_values().collect()
+    }
+
+    /// True if every edge of some faces is used twice by them.
+    pub(super) fn is_closed(&self, faces: &[usize]) -> bool {
+        let mut uses = HashMap::new();
+        let faces = faces.iter().map(|&face| &self.faces[face]);
+        for (edge, _) in faces.flat_map(|face| face.edges.iter().chain(face.holes.iter().flatten())) {
+            *uses.entry(edge).or_insert(0) += 1;
+        }
+        uses.values().all(|&uses| uses == 2)
     }
 
     fn check_loop(&self, edges: &[(usize, bool)], used: &mut [[bool; 2]]) -> Result<()> {

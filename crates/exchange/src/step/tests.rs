@@ -250,6 +250,34 @@ fn all_references_are_valid() {
     }
 }
 
+/// A shape beside another one.
+fn beside(mut brep: Brep, other: Brep) -> Brep {
+    let (vertices, edges) = (brep.vertices.len(), brep.edges.len());
+    brep.vertices.extend(other.vertices);
+    let moved = |edge: BrepEdge| BrepEdge { start: edge.start + vertices, end: edge.end + vertices, ..edge };
+    brep.edges.extend(other.edges.into_iter().map(moved));
+    for mut face in other.faces {
+        face.edges.iter_mut().chain(face.holes.iter_mut().flatten()).for_each(|(edge, _)| *edge += edges);
+        brep.faces.push(face);
+    }
+    brep.closed &= other.closed;
+    brep
+}
+
+#[test]
+fn each_body_has_its_shell() {
+    let count = |brep: &Brep, words: [&str; 3]| {
+        let text = written(brep, &StepOptions::default());
+        words.map(|word| text.matches(word).count())
+    };
+    let kinds = ["MANIFOLD_SOLID_BREP", "CLOSED_SHELL", "OPEN_SHELL"];
+    assert_eq!(count(&beside(ball(), turned_ball()), kinds), [2, 2, 0]);
+    assert_eq!(count(&beside(tube(), sheet()), kinds), [0, 0, 2]);
+    // A solid beside a sheet is a closed shell of a surface model.
+    assert_eq!(count(&beside(sheet(), ball()), kinds), [0, 1, 1]);
+    assert_eq!(beside(sheet(), tube()).shells(), [vec![0], vec![1, 2]]);
+}
+
 #[test]
 fn inconsistent_shapes_are_rejected_by_name() {
     let error_after = |change: fn(&mut Brep)| {

@@ -5,7 +5,7 @@ use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_exchange::step::{Brep, BsplineCurve, BsplineSurface, StepOptions, read_step, write_step};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
-use planish_spline::{BaseShape, Shape, Surface, TessellationOptions, tessellate};
+use planish_spline::{BaseShape, Hierarchy, QuadDomain, Shape, Surface, TessellationOptions, tessellate};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::{Path, PathBuf};
@@ -284,4 +284,52 @@ fn open_cascade_confirms_validity_area_and_box_of_every_shape() {
             }
         }
     }
+}
+
+/// Two rounded cubes over quads, of 100 and 50 mm.
+fn rounded_cubes() -> Surface {
+    let cube = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let quads: Vec<[u32; 4]> = cube.into_iter().chain(cube.map(|quad| quad.map(|v| v + 8))).collect();
+    let corner = |k: u32| DVec3::from_array([k & 1, k >> 1 & 1, k >> 2 & 1].map(f64::from));
+    let mut positions: Vec<DVec3> = (0..8).map(|k| 100.0 * corner(k)).collect();
+    positions.extend((0..8).map(|k| DVec3::new(200.0, 0.0, 0.0) + 50.0 * corner(k)));
+    let mut domain = QuadDomain::new(&quads).unwrap();
+    for _ in 0..3 {
+        let division = domain.divided().unwrap();
+        positions = division.apply(&positions);
+        domain = division.domain;
+    }
+    Surface::new(Hierarchy::over(domain.into()).unwrap().into(), positions).unwrap()
+}
+
+#[test]
+fn open_cascade_confirms_large_faces_and_bodies_over_quads() {
+    let cubes = rounded_cubes();
+    // Six faces each, one for each side.
+    let brep = brep_from_surface(&cubes, &BrepOptions::default());
+    assert_eq!((brep.faces.len(), brep.edges.len(), brep.vertices.len()), (12, 24, 16));
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cubes.step");
+    write_step(&path, &brep, &StepOptions::default()).unwrap();
+    let read = read_step(&path).unwrap();
+    let mesh = read.triangles(&read.fineness(Some(0.02))).unwrap();
+    assert_eq!((mesh.parts.len(), mesh.faces, mesh.unreadable.len()), (2, 12, 0));
+    let Some(results) = open_cascade(&[path]) else {
+        return;
+    };
+    let result = &results[0];
+    println!("{result}");
+    assert_eq!(
+        (&result["valid"], &result["solids"], &result["faces"]),
+        (&true.into(), &2.into(), &12.into())
+    );
+    assert!(result["crease_deg"].as_f64().unwrap() < 0.1);
+    let mut expected = 0.0;
+    for (leaf, cell) in cubes.space().leaves().iter().enumerate() {
+        for q in quadrature() {
+            let jet = cubes.leaf_jet(leaf, q.local[0], q.local[1]);
+            expected += cell.side().powi(2) * q.weight * jet.point.dot(jet.du.cross(jet.dv)) / 3.0;
+        }
+    }
+    let found = result["volume"].as_f64().unwrap();
+    assert!((found / expected - 1.0).abs() < 1e-5, "{found} {expected}");
 }

@@ -7,7 +7,7 @@
 //! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two
 //! halves, a torus in four quarters); a large one in a face for each cell of the base grid, each at its own
 //! finest level. Neighbours share edges, whose curves come from the finer side. A surface over quads has a
-//! face for each of them.
+//! face for each rectangle of quads between extraordinary vertices.
 //!
 //! Not guaranteed: that faces do not cross each other where the surface folds.
 //!
@@ -16,6 +16,7 @@
 //! forms*, CAGD 1989.
 
 mod over_quads;
+mod rectangles;
 
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
@@ -39,7 +40,7 @@ impl Default for BrepOptions {
 /// outward.
 ///
 /// Several bodies are several closed sets of faces. A face's parameters are the surface's, in base-grid
-/// units. Cost: linear in the control points written.
+/// units; over quads, they begin with 0 at a corner of the face. Cost: linear in the control points written.
 ///
 /// # Examples
 /// ```

@@ -101,7 +101,7 @@ fn models_over_quads_are_saved_and_exported() {
     let brep = brep_from_model(&read, &BrepOptions::default());
     brep.check(1e-6).unwrap();
     let domain = read.surface.space().domain().unwrap();
-    assert!(brep.closed && brep.faces.len() == domain.cells().len());
+    assert!(brep.closed && 4 * brep.faces.len() < domain.cells().len());
     // A closed surface of genus 2: V − E + F = −2.
     assert_eq!(brep.vertices.len() as i64 - brep.edges.len() as i64 + brep.faces.len() as i64, -2);
 }
