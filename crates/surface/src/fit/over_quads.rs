@@ -51,7 +51,7 @@ const MAX_DEPTH: usize = 3;
 const MAX_DIVISIONS: u32 = 4;
 /// Rounds in which vertices move to tips, and how far tips are from the surface, as a share of a quad's side.
 const TIP_ROUNDS: usize = 3;
-const TIP_SHARE: f64 = 0.2;
+const TIP_SHARE: f64 = 0.5;
 /// Steps of the interpolation of vertices. Each leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 
