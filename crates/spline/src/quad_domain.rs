@@ -36,7 +36,7 @@ use creases::Creases;
 pub use division::Division;
 pub(crate) use extraordinary::{PIECES, leaf_weights};
 use half_edges::HalfEdges;
-pub(crate) use level::{Level, LevelCell, Neighbourhood, Weighted, to_edge};
+pub(crate) use level::{Level, LevelCell, Neighbourhood, Weighted, from_edge, to_edge};
 use planish_core::DisjointSets;
 use planish_estimate::{Error, Result};
 use std::collections::HashMap;
@@ -142,6 +142,11 @@ impl QuadDomain {
     #[must_use]
     pub fn is_crease(&self, [a, b]: [u32; 2]) -> bool {
         self.creases.given.binary_search(&[a.min(b), a.max(b)]).is_ok()
+    }
+
+    /// True if a side of a cell lies on a crease.
+    pub(crate) fn is_crease_side(&self, quad: u32, side: u32) -> bool {
+        self.creases.has(&self.edges, 4 * quad + side)
     }
 
     /// True if the spline over a cell is not uniform because of one of its corners (0 to 3): there lie other

@@ -289,8 +289,7 @@ impl<'a> Level<'a> {
 
     /// True if a side of a cell lies on a crease.
     fn is_crease(&self, cell: LevelCell, side: u32) -> bool {
-        to_edge(side, cell.at, self.n - 1)[1] == 0
-            && self.domain.creases.has(self.edges, 4 * cell.quad + side)
+        to_edge(side, cell.at, self.n - 1)[1] == 0 && self.domain.is_crease_side(cell.quad, side)
     }
 
     fn touches_crease(&self, cell: LevelCell) -> bool {

@@ -143,13 +143,14 @@ fn weights_beside_creases_are_sound() {
         assert_eq!((rebuilt.leaves(), rebuilt.node_count()), (fine.leaves(), fine.node_count()));
     }
     println!("least value of a function: {least:.1e}");
-    assert!(least > -1.5e-3, "{least}");
+    // At concave corners, directions are opposite to those of creases: see `fans_at_creases_do_not_fold`.
+    assert!(least > -0.05, "{least}");
 }
 
 /// Positions agree across all edges, normals across all but creases.
 #[test]
 fn normals_jump_at_creases_only() {
-    let mut worst = [0.0_f64; 2];
+    let (mut worst, mut least_jump) = ([0.0_f64; 2], f64::INFINITY);
     for (case, mesh) in cases().iter().enumerate() {
         let coarse = creased(mesh, 1, 0.1);
         let fine = refined_at_random(coarse.space(), 3, case as u64);
@@ -159,6 +160,7 @@ fn normals_jump_at_creases_only() {
             [corners[side as usize], corners[(side as usize + 1) % 4]]
         };
         for surface in [coarse.clone(), coarse.refined(fine.into()).unwrap()] {
+            let mut jumps: HashMap<[u32; 2], f64> = HashMap::new();
             let differences = |at: [f64; 2], to: [f64; 2]| {
                 let [a, b] = [at, to].map(|[u, v]| surface.jet(u, v));
                 let [m, n] = [&a, &b].map(|jet| jet.normal().unwrap());
@@ -177,8 +179,9 @@ fn normals_jump_at_creases_only() {
                         if !domain.is_crease(edge) {
                             worst[1] = worst[1].max(normal);
                             assert!(normal < 1e-9, "case {case}, {edge:?}, {t}: {normal:.1e}");
-                        } else if step == 16 {
-                            assert!(normal > 1e-4, "case {case}, {edge:?}: no crease");
+                        } else {
+                            let own = jumps.entry([edge[0].min(edge[1]), edge[0].max(edge[1])]).or_default();
+                            *own = normal.max(*own);
                         }
                     }
                     let (x, e) = (f64::from(step.clamp(1, 31)) / 32.0, 1e-12);
@@ -191,10 +194,16 @@ fn normals_jump_at_creases_only() {
                     }
                 }
             }
+            assert_eq!(jumps.len(), domain.creases().len());
+            least_jump = jumps.into_values().fold(least_jump, f64::min);
         }
     }
-    println!("positions differ by {:.1e}, normals by {:.1e}", worst[0], worst[1]);
+    println!(
+        "positions differ by {:.1e}, normals by {:.1e}, at creases by {least_jump:.1e}",
+        worst[0], worst[1]
+    );
     assert!(worst[0] < 1e-12 && worst[1] < 1e-10, "{worst:?}");
+    assert!(least_jump > 1e-3, "{least_jump}");
 }
 
 /// Refinement keeps the surface, except in cells at extraordinary vertices that are split.
@@ -216,7 +225,8 @@ fn refinement_keeps_creases() {
                 }
             }
             println!("case {case}: change of regular cells {kept:.1e}, of others {changed:.1e}");
-            assert!(kept < 1e-12 && changed < 0.05, "{kept}, {changed}");
+            // The last part of a crease, in which the jump fades, becomes shorter.
+            assert!(kept < 1e-12 && changed < 0.1, "{kept}, {changed}");
         }
     }
 }
@@ -304,18 +314,24 @@ fn a_crease_ends_on_the_curve_of_others() {
     let (quads, positions, mut creases) = torus(true);
     creases.extend([[2, 10], [10, 18]]);
     let surface = creased(&(quads, positions, creases), 0, 0.1);
-    // The four quads at vertex 2, column 2 of the curve, and its place in them.
-    let jets = [(1, [1.0, 0.0]), (2, [0.0, 0.0]), (49, [1.0, 1.0]), (50, [0.0, 1.0])].map(|(quad, place)| {
+    let jet = |quad: u32, place: [f64; 2]| {
         let [u, v] = in_quad(quad, place);
         surface.jet(u, v)
-    });
+    };
+    // The four quads at vertex 2, and its place in them.
+    let jets = [jet(1, [1.0, 0.0]), jet(2, [0.0, 0.0]), jet(49, [1.0, 1.0]), jet(50, [0.0, 1.0])];
     for jet in &jets[1..] {
         assert!(jet.point.distance(jets[0].point) < 1e-12, "{jets:?}");
         assert!(jet.du.distance(jets[0].du) < 1e-10, "{jets:?}");
     }
     let normals = jets.map(|jet| jet.normal().unwrap());
     assert!(normals[2].distance(normals[3]) < 1e-10, "{normals:?}");
-    assert!(normals[0].distance(normals[1]) > 1e-3 && normals[0].distance(normals[2]) > 1e-3, "{normals:?}");
+    assert!(normals[0].distance(normals[2]) > 1e-3, "{normals:?}");
+    // Both sides of the third crease have its direction and that of the curve at the vertex, so the jump of
+    // the normal begins there.
+    assert!(normals[0].distance(normals[1]) < 1e-10, "{normals:?}");
+    let [left, right] = [jet(1, [1.0, 0.5]), jet(2, [0.0, 0.5])].map(|jet| jet.normal().unwrap());
+    assert!(left.distance(right) > 1e-3, "{left:?}, {right:?}");
 }
 
 /// Foot points on a cube with sharp edges are the nearest points, from starts on any face.
