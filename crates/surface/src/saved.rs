@@ -14,6 +14,9 @@
 //! | `support_distance` | Σ 4ᵈ | distance of their middles to the nearest reading; 0 if measured |
 //! | `predictive_errors` | n × 3 | distance to the nearest reading, factor and floor of σ there, if any |
 //! | `predictive_limits` | 2 | power of the distance beyond these, and the largest σ |
+//! | `quads` | Q × 4, u32 | corners of the quads, of a surface over quads |
+//! | `creases` | C × 2, u32 | vertices of the edges of quads across which normals jump, if any |
+//! | `corners` | u32 | vertices on creases that are marked as corners, if there are creases |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
@@ -138,6 +141,9 @@ const PREDICTIVE_ERRORS: &str = "predictive_errors";
 const PREDICTIVE_LIMITS: &str = "predictive_limits";
 /// Corners of the quads, of a surface over quads.
 const QUADS: &str = "quads";
+/// Edges of quads across which normals jump, and vertices that are marked as corners; absent without creases.
+const CREASES: &str = "creases";
+const CORNERS: &str = "corners";
 /// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
 /// the information about them.
 const SHARED_COUPLING: &str = "information_shared_coupling";
@@ -287,6 +293,13 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             QUADS.to_owned(),
             tensor(&[quads.len(), 4], TensorData::U32(quads.iter().flatten().copied().collect())),
         );
+        let (creases, corners) = (domain.creases(), domain.corners());
+        if !creases.is_empty() {
+            let numbers = TensorData::U32(creases.as_flattened().to_vec());
+            tensors.insert(CREASES.to_owned(), tensor(&[creases.len(), 2], numbers));
+            let numbers = TensorData::U32(corners.to_vec());
+            tensors.insert(CORNERS.to_owned(), tensor(&[corners.len()], numbers));
+        }
     }
     if let Some(shared) = model.known.scan_errors() {
         let width = shared.corner.len().isqrt();

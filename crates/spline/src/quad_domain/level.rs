@@ -329,7 +329,11 @@ impl<'a> Level<'a> {
     /// True if a quad at a vertex has no uniform spline because of it.
     fn is_extraordinary(&self, vertex: usize) -> bool {
         vertex < self.domain.inner_vertices
-            && self.edges.around(vertex as u32).any(|h| self.domain.is_special_corner(h))
+            && match self.domain.creases.rule(vertex as u32) {
+                VertexRule::Smooth => self.domain.valence(vertex as u32) != 4,
+                VertexRule::Dart => true,
+                _ => self.edges.around(vertex as u32).any(|h| self.domain.is_special_corner(h)),
+            }
     }
 
     /// The cells, not beyond borders, whose splines depend on a vertex.

@@ -34,6 +34,31 @@ fn defects_are_named() {
 }
 
 #[test]
+fn creases_that_are_not_possible_are_named() {
+    let message = |quads: &[[u32; 4]], creases: &[[u32; 2]], corners: &[u32]| {
+        QuadDomain::with_creases(quads, creases, corners).unwrap_err().to_string()
+    };
+    let (sheet, torus) = (grid(4, 4, false), grid(6, 6, true));
+    assert!(message(&sheet, &[[6, 12]], &[]).contains("from vertex 6 to 12 is no edge of a quad"));
+    assert!(message(&sheet, &[[6, 99]], &[]).contains("from vertex 6 to 99 is no edge of a quad"));
+    // Vertices from 25 on lie beyond the border.
+    assert!(message(&sheet, &[[1, 26]], &[]).contains("is no edge of a quad"));
+    assert!(message(&sheet, &[[1, 2]], &[]).contains("from vertex 1 to 2 lies on a border"));
+    assert!(message(&torus, &[[7, 8]], &[7]).contains("corner at vertex 7 has not two creases"));
+    assert!(message(&torus, &[[7, 8]], &[20]).contains("corner at vertex 20 has not two creases"));
+    assert!(message(&torus, &[[6, 7], [7, 8]], &[7]).contains("vertex 7 has as many quads on both sides"));
+    // Two vertices at which the same quad has no uniform spline: both ends of a crease.
+    let short = QuadDomain::with_creases(&torus, &[[7, 8]], &[]).unwrap();
+    let error = short.check_spline().unwrap_err().to_string();
+    assert!(error.contains("vertices 8 and 7") && error.contains("divide the domain once"), "{error}");
+    assert!(short.divided().unwrap().domain.check_spline().is_ok());
+    // Given in any order, and twice.
+    let domain = QuadDomain::with_creases(&torus, &[[8, 7], [7, 8], [9, 8]], &[]).unwrap();
+    assert_eq!(domain.creases(), [[7, 8], [8, 9]]);
+    assert!(domain.is_crease([9, 8]) && !domain.is_crease([9, 10]));
+}
+
+#[test]
 fn weights_sum_to_one_and_are_hardly_negative() {
     for valence in [3, 5, 6, 7, 8, 12] {
         let shape = extraordinary::FanShape { quads: valence, kind: extraordinary::FanKind::Smooth };
