@@ -85,8 +85,8 @@ impl QuadDomain {
     /// jump. Of each crease the two vertices are given, in any order.
     ///
     /// The curve of a crease is the cubic spline of the vertices on it. It passes smoothly through a vertex
-    /// with two creases, unless the vertex is one of the `corners` or a single quad lies on one side. A vertex
-    /// where more creases meet is a corner too, except where one of three ends on the curve of the other two:
+    /// with two creases, unless the vertex is one of the `corners` or a single quad lies on one side. A
+    /// vertex where more creases meet is a corner too, except where one of three ends on the curve of the other two:
     /// with four quads of which two lie on the same side. The surface passes through the control vertices of
     /// corners. At a vertex with one crease, the jump of the normal fades to zero.
     ///

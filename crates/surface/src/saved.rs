@@ -62,6 +62,7 @@ use planish_core::vector3::coordinates;
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::model::{ModelFile, Tensor, TensorData, read_model, write_model};
+use planish_spline::QuadDomain;
 use reading::from_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -229,6 +230,20 @@ impl PoseNotes {
     }
 }
 
+/// The quads of a domain, with its creases if it has any.
+fn domain_tensors(domain: &QuadDomain) -> Vec<(String, Tensor)> {
+    let column = |name: &str, shape: &[usize], numbers: &[u32]| {
+        (name.to_owned(), Tensor { shape: shape.to_vec(), data: TensorData::U32(numbers.to_vec()) })
+    };
+    let (quads, creases, corners) = (domain.cells(), domain.creases(), domain.corners());
+    let mut tensors = vec![column(QUADS, &[quads.len(), 4], quads.as_flattened())];
+    if !creases.is_empty() {
+        tensors.push(column(CREASES, &[creases.len(), 2], creases.as_flattened()));
+        tensors.push(column(CORNERS, &[corners.len()], corners));
+    }
+    tensors
+}
+
 fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let space = model.surface.space();
     let leaves = space.leaves();
@@ -288,18 +303,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
     if let Some(domain) = space.domain() {
-        let quads = domain.cells();
-        tensors.insert(
-            QUADS.to_owned(),
-            tensor(&[quads.len(), 4], TensorData::U32(quads.iter().flatten().copied().collect())),
-        );
-        let (creases, corners) = (domain.creases(), domain.corners());
-        if !creases.is_empty() {
-            let numbers = TensorData::U32(creases.as_flattened().to_vec());
-            tensors.insert(CREASES.to_owned(), tensor(&[creases.len(), 2], numbers));
-            let numbers = TensorData::U32(corners.to_vec());
-            tensors.insert(CORNERS.to_owned(), tensor(&[corners.len()], numbers));
-        }
+        tensors.extend(domain_tensors(domain));
     }
     if let Some(shared) = model.known.scan_errors() {
         let width = shared.corner.len().isqrt();

@@ -15,7 +15,8 @@
 //!
 //! # References
 //! Hoppe and others, *Piecewise smooth surface reconstruction*, SIGGRAPH 1994 (rules of vertices).
-//! Biermann, Levin, Zorin, *Piecewise smooth subdivision surfaces with normal control*, SIGGRAPH 2000 (sectors).
+//! Biermann, Levin, Zorin, *Piecewise smooth subdivision surfaces with normal control*, SIGGRAPH 2000
+//! (sectors).
 
 use super::extraordinary::{FanKind, FanShape};
 use super::half_edges::{HalfEdges, previous};

@@ -135,7 +135,8 @@ impl FanShape {
         1 + VERTICES_PER_CELL * (of % self.quads) + k
     }
 
-    /// True if the edge at the start of a cell lies on a crease; that after the last cell has the next number.
+    /// True if the edge at the start of a cell lies on a crease. The edge after the last cell has the next
+    /// number.
     fn is_crease(self, edge: usize) -> bool {
         self.kind != FanKind::Smooth && edge.is_multiple_of(self.quads)
     }

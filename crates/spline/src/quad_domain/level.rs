@@ -30,7 +30,7 @@ pub(crate) enum Neighbourhood {
     /// All corners have four quads: 4 × 4 vertices, row by row.
     Regular([usize; 16]),
     /// The same beside creases, with weighted vertices beyond them.
-    Creased([Weighted; 16]),
+    Creased(Box<[Weighted; 16]>),
     /// This corner has no uniform spline: the vertices around it, in the order of
     /// [`leaf_weights`](super::extraordinary::leaf_weights), and the number of the cell in its fan.
     Around { corner: u32, shape: FanShape, cell: usize, vertices: Vec<Weighted> },
@@ -41,7 +41,7 @@ impl Neighbourhood {
         let all = |weighted: &[Weighted]| weighted.iter().flatten().map(|&(vertex, _)| vertex).collect();
         match self {
             Self::Regular(vertices) => vertices.to_vec(),
-            Self::Creased(weighted) => all(weighted),
+            Self::Creased(weighted) => all(&weighted[..]),
             Self::Around { vertices, .. } => all(vertices),
         }
     }
@@ -233,7 +233,7 @@ impl<'a> Level<'a> {
     pub(crate) fn neighbourhood(&self, cell: LevelCell) -> Neighbourhood {
         let Some(corner) = self.extraordinary_corner(cell) else {
             return if self.touches_crease(cell) {
-                Neighbourhood::Creased(PLACES_OF_CELL.map(|place| self.coefficient(cell, place)))
+                Neighbourhood::Creased(Box::new(PLACES_OF_CELL.map(|place| self.coefficient(cell, place))))
             } else {
                 Neighbourhood::Regular(self.plain_neighbourhood(cell))
             };
@@ -352,9 +352,9 @@ impl<'a> Level<'a> {
             .collect();
         ring(&mut special.into_iter(), &mut cells);
         // Cells across a crease do not depend on the vertex.
-        let depends = |cell: LevelCell| match self.neighbourhood(cell) {
-            Neighbourhood::Regular(_) => true,
-            near => near.vertices().contains(&vertex),
+        let depends = |cell: LevelCell| {
+            let is_uniform = !self.touches_crease(cell) && self.extraordinary_corner(cell).is_none();
+            is_uniform || self.neighbourhood(cell).vertices().contains(&vertex)
         };
         cells.retain(|&cell| self.is_inner(cell) && (self.domain.creases().is_empty() || depends(cell)));
         cells
