@@ -86,9 +86,9 @@ impl QuadDomain {
     ///
     /// The curve of a crease is the cubic spline of the vertices on it. It passes smoothly through a vertex
     /// with two creases, unless the vertex is one of the `corners` or a single quad lies on one side. A
-    /// vertex where more creases meet is a corner too, except where one of three ends on the curve of the other two:
-    /// with four quads of which two lie on the same side. The surface passes through the control vertices of
-    /// corners. At a vertex with one crease, the jump of the normal fades to zero.
+    /// vertex where more creases meet is a corner too, except where one of three ends on the curve of the
+    /// other two: with four quads of which two lie on the same side. The surface passes through the control
+    /// vertices of corners. At a vertex with one crease, the jump of the normal fades to zero.
     ///
     /// Between creases at a corner, one or two quads have less than 180° and more quads have more. Of both
     /// sides of two creases, the one with fewer quads has less than 180°.

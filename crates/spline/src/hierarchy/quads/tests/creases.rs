@@ -55,7 +55,6 @@ fn torus(is_closed: bool) -> Creased {
 
 /// Control vertices, displaced at random, over a domain that is divided `divisions` times.
 fn creased((quads, positions, creases): &Creased, divisions: usize, noise: f64) -> Surface {
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut domain = QuadDomain::with_creases(quads, creases, &[]).unwrap();
     let mut vertices = positions.clone();
     for _ in 0..divisions {
@@ -63,10 +62,14 @@ fn creased((quads, positions, creases): &Creased, divisions: usize, noise: f64) 
         vertices = division.apply(&vertices);
         domain = division.domain;
     }
-    for v in &mut vertices {
-        *v += noise * DVec3::from_array([0; 3].map(|_| rng.random_range(-1.0..1.0)));
-    }
-    over(domain, &vertices)
+    displaced(&over(domain, &vertices), noise)
+}
+
+/// The surface with control vertices that are displaced at random.
+fn displaced(surface: &Surface, noise: f64) -> Surface {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut moved = |p: &DVec3| *p + noise * DVec3::from_array([0; 3].map(|_| rng.random_range(-1.0..1.0)));
+    surface.with_vertices(surface.vertices().iter().map(&mut moved).collect()).unwrap()
 }
 
 /// The position of each vertex of a domain over a flat grid, those beyond borders included.
@@ -175,11 +178,12 @@ fn normals_jump_at_creases_only() {
         let coarse = creased(mesh, 1, 0.1);
         let fine = refined_at_random(coarse.space(), 3, case as u64);
         let domain = Arc::clone(fine.domain().unwrap());
+        let fine = coarse.refined(fine.into()).unwrap();
         let ends = |quad: u32, side: u32| {
             let corners = domain.cells()[quad as usize];
             [corners[side as usize], corners[(side as usize + 1) % 4]]
         };
-        for surface in [coarse.clone(), coarse.refined(fine.into()).unwrap()] {
+        for surface in [coarse.clone(), fine.clone(), displaced(&fine, 0.02)] {
             let mut jumps: HashMap<[u32; 2], f64> = HashMap::new();
             let differences = |at: [f64; 2], to: [f64; 2]| {
                 let [a, b] = [at, to].map(|[u, v]| surface.jet(u, v));
