@@ -3,6 +3,9 @@
 //! Input: a [`Surface`], a point, and either starting parameters or a [`FootPointSearch`]. Output: a
 //! [`FootPoint`] with leaf, local coordinates, jet and signed distance.
 //!
+//! A projection does not cross creases. Where one is near the foot point, it is repeated from the other side,
+//! and the nearer foot point is taken.
+//!
 //! Not guaranteed: the *global* nearest point. A projection descends from its start. The search starts at the
 //! sample whose position and normal agree best, which distinguishes the two sides of a thin part.
 
@@ -82,6 +85,62 @@ pub(crate) fn project_onto(
     space: &Hierarchy,
     jet_at: impl Fn(usize, [f64; 2]) -> Jet,
     z: DVec3,
+    start: [f64; 2],
+    options: &ProjectionOptions,
+) -> FootPoint {
+    let foot = descend(space, &jet_at, z, start, options);
+    match space.domain() {
+        Some(domain) if !domain.creases().is_empty() => beyond_creases(space, &jet_at, z, foot, options),
+        _ => foot,
+    }
+}
+
+/// The nearest foot point of this one and of those on other sides of creases that are near it.
+#[inline(never)]
+fn beyond_creases(
+    space: &Hierarchy,
+    jet_at: &impl Fn(usize, [f64; 2]) -> Jet,
+    z: DVec3,
+    first: FootPoint,
+    options: &ProjectionOptions,
+) -> FootPoint {
+    let mut nearest = first;
+    let mut found = vec![first];
+    let mut quads = vec![space.parameters(first.leaf as usize, first.local)[0] as u32];
+    // Feet at a corner of several faces have the same distance, and any of its faces may have a nearer one.
+    let is_near = |foot: &FootPoint, nearest: &FootPoint| {
+        foot.jet.point.distance(z) <= nearest.jet.point.distance(z) * (1.0 + 1e-9)
+    };
+    while let Some(foot) = found.pop() {
+        if !is_near(&foot, &nearest) {
+            continue;
+        }
+        let reach = 2.0 * foot.jet.point.distance(z);
+        let at = space.parameters(foot.leaf as usize, foot.local);
+        for [[u, v], beyond] in space.across_creases(at) {
+            let (leaf, local) = space.locate(u, v);
+            let quad = beyond[0] as u32;
+            // Beyond this distance, the crease is farther from the point than the foot.
+            if quads.contains(&quad) || jet_at(leaf, local).point.distance(foot.jet.point) > reach {
+                continue;
+            }
+            quads.push(quad);
+            let other = descend(space, jet_at, z, beyond, options);
+            if other.jet.point.distance_squared(z) < nearest.jet.point.distance_squared(z) {
+                nearest = other;
+            }
+            found.push(other);
+        }
+    }
+    nearest
+}
+
+/// A foot point on this side of all creases.
+#[inline(always)]
+fn descend(
+    space: &Hierarchy,
+    jet_at: &impl Fn(usize, [f64; 2]) -> Jet,
+    z: DVec3,
     [u, v]: [f64; 2],
     options: &ProjectionOptions,
 ) -> FootPoint {
@@ -90,18 +149,17 @@ pub(crate) fn project_onto(
     let mut jet = jet_at(leaf, local);
     let mut distance2 = squared(jet.point - z);
     let mut converged = false;
-    let mut held = [false; 2];
+    let mut at_border = false;
     for _ in 0..options.max_steps {
         let side = space.leaves()[leaf].side();
         let r = jet.point - z;
         let gradient = [jet.du.dot(r), jet.dv.dot(r)];
         // A bound is active only while the point pulls outwards. Otherwise the foot could never leave the
         // border.
-        let [left, right, bottom, top] = space.on_border(at);
-        held = [
-            (left && gradient[0] > 0.0) || (right && gradient[0] < 0.0),
-            (bottom && gradient[1] > 0.0) || (top && gradient[1] < 0.0),
-        ];
+        let borders = space.on_border(at);
+        let creases = space.on_crease(at);
+        at_border = held_by(borders, gradient).contains(&true);
+        let held = held_by(std::array::from_fn(|k| borders[k] || creases[k]), gradient);
         let step = newton_step(&jet, r, gradient, held);
         // Limit steps to two cells, because the quadratic model of the distance is local.
         let longest = step[0].abs().max(step[1].abs());
@@ -128,7 +186,7 @@ pub(crate) fn project_onto(
             let (next_leaf, next_local) = if inside.iter().all(|c| (0.0..1.0).contains(c)) {
                 (leaf, inside)
             } else {
-                next = space.moved(at, part);
+                next = space.moved_to_crease(at, part);
                 space.locate(next[0], next[1])
             };
             let next_jet = jet_at(next_leaf, next_local);
@@ -143,7 +201,8 @@ pub(crate) fn project_onto(
         }
         // Newton converges quadratically: after a full step of s leaf sides the error is about s².
         let left = if share < 1.0 { longest * share / side } else { (longest / side).powi(2) };
-        if !moved || left < options.relative_tolerance {
+        // A step that ended at a crease was not a full one.
+        if !moved || (left < options.relative_tolerance && space.on_crease(at) == creases) {
             converged = true;
             break;
         }
@@ -158,9 +217,18 @@ pub(crate) fn project_onto(
         normal,
         height,
         slip: (offset - height * normal).length(),
-        at_border: held[0] || held[1],
+        at_border,
         converged,
     }
+}
+
+/// The directions in which a point pulls out of the sides (left, right, bottom, top) that a foot is on.
+#[inline(always)]
+fn held_by([left, right, bottom, top]: [bool; 4], gradient: [f64; 2]) -> [bool; 2] {
+    [
+        (left && gradient[0] > 0.0) || (right && gradient[0] < 0.0),
+        (bottom && gradient[1] > 0.0) || (top && gradient[1] < 0.0),
+    ]
 }
 
 #[inline(always)]

@@ -284,7 +284,10 @@ impl Hierarchy {
     /// True if both have the same cells before any is split.
     #[must_use]
     pub fn same_base(&self, other: &Self) -> bool {
-        let domains = [self, other].map(|space| space.domain().map(|domain| domain.cells()));
+        let domains = [self, other].map(|space| {
+            let domain = space.domain()?;
+            Some((domain.cells(), domain.creases(), domain.corners()))
+        });
         self.shape() == other.shape() && self.base == other.base && domains[0] == domains[1]
     }
 

@@ -8,15 +8,21 @@
 //! beyond the border, as an open uniform spline has them. Where all corners of a cell have four quads, the
 //! spline is the uniform bicubic one. See decision 0111 for the other cells.
 //!
+//! Edges can be creases: the surface is continuous across them, its normal is not. Each side sees a row of
+//! vertices beyond the crease that is not free: `2 · (vertex on the crease) − (vertex inside)`, so the second
+//! derivative across the crease is zero at it. See decision 0115.
+//!
 //! | module | purpose |
 //! |---|---|
 //! | half_edges | neighbours across edges and around vertices, and defects of a mesh |
+//! | creases | edges across which normals jump, and rules of the vertices on them |
 //! | level | cells and vertices of the levels |
-//! | extraordinary | extraction around a vertex that has not four quads |
-//! | division | division of all quads by the rules of Catmull and Clark |
+//! | extraordinary | extraction around a vertex that has not four quads, or where creases end or meet |
+//! | division | division of all quads by the rules of Catmull and Clark, with creases |
 //!
 //! Not guaranteed: positions. A domain has no geometry, and any vertices may be its control vertices.
 
+mod creases;
 mod division;
 mod extraordinary;
 mod half_edges;
@@ -26,10 +32,11 @@ pub(crate) mod test_meshes;
 #[cfg(test)]
 mod tests;
 
+use creases::Creases;
 pub use division::Division;
-pub(crate) use extraordinary::{PIECES, VERTICES_PER_CELL, leaf_weights_around};
+pub(crate) use extraordinary::{PIECES, leaf_weights};
 use half_edges::HalfEdges;
-pub(crate) use level::{Level, LevelCell, Neighbourhood, to_edge};
+pub(crate) use level::{Level, LevelCell, Neighbourhood, Weighted, from_edge, to_edge};
 use planish_core::DisjointSets;
 use planish_estimate::{Error, Result};
 use std::collections::HashMap;
@@ -55,6 +62,7 @@ pub struct QuadDomain {
     /// Vertices of cells; those beyond borders follow.
     inner_vertices: usize,
     borders: usize,
+    creases: Creases,
 }
 
 impl QuadDomain {
@@ -70,13 +78,82 @@ impl QuadDomain {
         let mut quads = cells.to_vec();
         let borders = add_outer_quads(&inner, &mut quads);
         let edges = if borders == 0 { inner } else { HalfEdges::new(quads)? };
-        Ok(Self { edges, cells: cells.len(), inner_vertices, borders })
+        Ok(Self { edges, cells: cells.len(), inner_vertices, borders, creases: Creases::default() })
+    }
+
+    /// A domain of which some edges are creases: across them, the surface is continuous and its normal may
+    /// jump. Of each crease the two vertices are given, in any order.
+    ///
+    /// The curve of a crease is the cubic spline of the vertices on it. It passes smoothly through a vertex
+    /// with two creases, unless the vertex is one of the `corners` or a single quad lies on one side. A
+    /// vertex where more creases meet is a corner too, except where one of three ends on the curve of the
+    /// other two: with four quads of which two lie on the same side. The surface passes through the control
+    /// vertices of corners. At a vertex with one crease, the jump of the normal fades to zero.
+    ///
+    /// Between creases at a corner, one or two quads have less than 180° and more quads have more. Of both
+    /// sides of two creases, the one with fewer quads has less than 180°.
+    ///
+    /// # Errors
+    /// As for [`QuadDomain::new`]. `Input` with the vertices of a crease that is no edge of a quad or lies on
+    /// a border, and with the number of a corner that has not two creases, lies on a border,
+    /// or has as many quads on both sides of two creases.
+    ///
+    /// # Examples
+    /// A cube with sharp edges. Its surface is that of the cube:
+    /// ```
+    /// use planish_core::DVec3;
+    /// use planish_spline::{Hierarchy, QuadDomain, Surface};
+    /// let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    /// let edges = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6],
+    ///     [3, 7]];
+    /// let cube = QuadDomain::with_creases(&quads, &edges, &[])?;
+    /// assert!(cube.is_crease([1, 0]) && cube.creases().len() == 12);
+    /// let space = Hierarchy::over(cube.into())?;
+    /// let corners = (0..8).map(|k| DVec3::new((k & 1).into(), (k >> 1 & 1).into(), (k >> 2).into()));
+    /// let surface = Surface::new(space.into(), corners.collect())?;
+    /// assert!(surface.point(1.5, 0.25).distance(DVec3::new(0.5, 0.25, 1.0)) < 1e-12);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    pub fn with_creases(cells: &[[u32; 4]], creases: &[[u32; 2]], corners: &[u32]) -> Result<Self> {
+        let mut made = Self::new(cells)?;
+        made.creases = Creases::new(&made, creases, corners)?;
+        Ok(made)
     }
 
     /// The cells: corners of each, counter-clockwise.
     #[must_use]
     pub fn cells(&self) -> &[[u32; 4]] {
         &self.edges.quads()[..self.cells]
+    }
+
+    /// The creases: both vertices of each, the smaller number first, in ascending order.
+    #[must_use]
+    pub fn creases(&self) -> &[[u32; 2]] {
+        &self.creases.given
+    }
+
+    /// The vertices that were marked as corners, in ascending order.
+    #[must_use]
+    pub fn corners(&self) -> &[u32] {
+        &self.creases.corners
+    }
+
+    /// True if the edge between two vertices is a crease.
+    #[must_use]
+    pub fn is_crease(&self, [a, b]: [u32; 2]) -> bool {
+        self.creases.given.binary_search(&[a.min(b), a.max(b)]).is_ok()
+    }
+
+    /// True if a side of a cell lies on a crease.
+    pub(crate) fn is_crease_side(&self, quad: u32, side: u32) -> bool {
+        self.creases.has(&self.edges, 4 * quad + side)
+    }
+
+    /// True if the spline over a cell is not uniform because of one of its corners (0 to 3): there lie other
+    /// than four quads, or creases end or meet. A cell at such a corner has several leaves.
+    #[must_use]
+    pub fn is_extraordinary_corner(&self, cell: usize, corner: usize) -> bool {
+        self.is_special_corner((4 * cell + corner) as u32)
     }
 
     /// Number of control vertices, those beyond borders included.
@@ -151,10 +228,15 @@ impl QuadDomain {
     /// `Input` if cubic splines over the domain are not defined.
     pub(crate) fn check_spline(&self) -> Result<()> {
         for (q, quad) in self.cells().iter().enumerate() {
-            let mut special = quad.iter().filter(|&&v| self.valence(v) != 4);
+            let mut special = (0..4).filter(|&k| self.is_extraordinary_corner(q, k)).map(|k| quad[k]);
             if let (Some(a), Some(b)) = (special.next(), special.next()) {
+                let cause = if self.creases.given.is_empty() {
+                    "have not four quads each"
+                } else {
+                    "both have no uniform spline: other than four quads, or ends of creases"
+                };
                 return Err(invalid(format_args!(
-                    "vertices {a} and {b} of quad {q} have not four quads each; divide the domain once"
+                    "vertices {a} and {b} of quad {q} {cause}; divide the domain once"
                 )));
             }
         }

@@ -14,6 +14,9 @@
 //! | `support_distance` | Σ 4ᵈ | distance of their middles to the nearest reading; 0 if measured |
 //! | `predictive_errors` | n × 3 | distance to the nearest reading, factor and floor of σ there, if any |
 //! | `predictive_limits` | 2 | power of the distance beyond these, and the largest σ |
+//! | `quads` | Q × 4, u32 | corners of the quads, of a surface over quads |
+//! | `creases` | C × 2, u32 | vertices of the edges of quads across which normals jump, if any |
+//! | `corners` | u32 | vertices on creases that are marked as corners, if there are creases |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
@@ -59,6 +62,7 @@ use planish_core::vector3::coordinates;
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::model::{ModelFile, Tensor, TensorData, read_model, write_model};
+use planish_spline::QuadDomain;
 use reading::from_file;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -138,6 +142,9 @@ const PREDICTIVE_ERRORS: &str = "predictive_errors";
 const PREDICTIVE_LIMITS: &str = "predictive_limits";
 /// Corners of the quads, of a surface over quads.
 const QUADS: &str = "quads";
+/// Edges of quads across which normals jump, and vertices that are marked as corners; absent without creases.
+const CREASES: &str = "creases";
+const CORNERS: &str = "corners";
 /// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
 /// the information about them.
 const SHARED_COUPLING: &str = "information_shared_coupling";
@@ -223,6 +230,20 @@ impl PoseNotes {
     }
 }
 
+/// The quads of a domain, with its creases if it has any.
+fn domain_tensors(domain: &QuadDomain) -> Vec<(String, Tensor)> {
+    let column = |name: &str, shape: &[usize], numbers: &[u32]| {
+        (name.to_owned(), Tensor { shape: shape.to_vec(), data: TensorData::U32(numbers.to_vec()) })
+    };
+    let (quads, creases, corners) = (domain.cells(), domain.creases(), domain.corners());
+    let mut tensors = vec![column(QUADS, &[quads.len(), 4], quads.as_flattened())];
+    if !creases.is_empty() {
+        tensors.push(column(CREASES, &[creases.len(), 2], creases.as_flattened()));
+        tensors.push(column(CORNERS, &[corners.len()], corners));
+    }
+    tensors
+}
+
 fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let space = model.surface.space();
     let leaves = space.leaves();
@@ -282,11 +303,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
     if let Some(domain) = space.domain() {
-        let quads = domain.cells();
-        tensors.insert(
-            QUADS.to_owned(),
-            tensor(&[quads.len(), 4], TensorData::U32(quads.iter().flatten().copied().collect())),
-        );
+        tensors.extend(domain_tensors(domain));
     }
     if let Some(shared) = model.known.scan_errors() {
         let width = shared.corner.len().isqrt();

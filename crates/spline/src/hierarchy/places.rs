@@ -4,7 +4,7 @@
 //! continues in the frame of the next quad.
 
 use super::{Cell, Hierarchy, NOT_A_LEAF, Topology, grid};
-use crate::quad_domain::{Level, PIECES};
+use crate::quad_domain::{Level, PIECES, from_edge, to_edge};
 
 /// Maximum number of edges that a step crosses.
 const MAX_CROSSINGS: usize = 16;
@@ -158,6 +158,19 @@ impl Hierarchy {
     /// ```
     #[must_use]
     pub fn moved(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
+        self.moved_until(at, step, |_, _| false)
+    }
+
+    /// The same for a step that ends at creases as at borders.
+    pub(crate) fn moved_to_crease(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
+        let domain = self.domain();
+        self.moved_until(at, step, |quad, side| {
+            domain.is_some_and(|domain| domain.is_crease_side(quad, side))
+        })
+    }
+
+    /// The same for a step that ends at the sides of quads for which `stops` is true.
+    fn moved_until(&self, at: [f64; 2], step: [f64; 2], stops: impl Fn(u32, u32) -> bool) -> [f64; 2] {
         let to = [at[0] + step[0], at[1] + step[1]];
         let Some(over) = self.quads() else { return self.wrap(to[0], to[1]) };
         let mut quad = at[0].clamp(0.0, (self.base[0] - 1) as f64) as u32;
@@ -171,7 +184,9 @@ impl Hierarchy {
                 break;
             }
             match over.domain.across(quad, farthest as u32, place, 1.0) {
-                Some((next, moved, _)) if (next as usize) < self.base[0] => (quad, place) = (next, moved),
+                Some((next, moved, _)) if (next as usize) < self.base[0] && !stops(quad, farthest as u32) => {
+                    (quad, place) = (next, moved);
+                }
                 _ => place[1 - farthest % 2] = place[1 - farthest % 2].clamp(0.0, 1.0),
             }
         }
@@ -269,15 +284,48 @@ impl Hierarchy {
                 open[1] && at[1] >= extent[1],
             ];
         };
-        let quad = (at[0] as u32).min(self.base[0] as u32 - 1);
-        let end = in_quad(quad, [1.0, 0.0])[0];
-        let touches = [at[0] <= f64::from(quad), at[0] >= end, at[1] <= 0.0, at[1] >= 1.0];
-        let beyond = [3, 1, 0, 2].map(|side| over.domain.across(quad, side, [0.0; 2], 1.0));
+        let (quad, touches) = self.touched_sides(at);
+        let beyond = SIDES.map(|side| over.domain.across(quad, side, [0.0; 2], 1.0));
         std::array::from_fn(|k| {
             touches[k] && beyond[k].is_none_or(|(next, ..)| next as usize >= self.base[0])
         })
     }
+
+    /// The same for creases.
+    pub(crate) fn on_crease(&self, at: [f64; 2]) -> [bool; 4] {
+        let Some(domain) = self.domain().filter(|domain| !domain.creases().is_empty()) else {
+            return [false; 4];
+        };
+        let (quad, touches) = self.touched_sides(at);
+        std::array::from_fn(|k| touches[k] && domain.is_crease_side(quad, SIDES[k]))
+    }
+
+    /// The quad in which parameters lie, and which of its sides they touch, in the order of [`SIDES`].
+    fn touched_sides(&self, at: [f64; 2]) -> (u32, [bool; 4]) {
+        let quad = (at[0] as u32).min(self.base[0] as u32 - 1);
+        let end = in_quad(quad, [1.0, 0.0])[0];
+        (quad, [at[0] <= f64::from(quad), at[0] >= end, at[1] <= 0.0, at[1] >= 1.0])
+    }
+
+    /// For each crease on a side of the quad in which parameters lie: the nearest parameters on it, and the
+    /// same place in the quad across it.
+    pub(crate) fn across_creases(&self, at: [f64; 2]) -> Vec<[[f64; 2]; 2]> {
+        let Some(domain) = self.domain() else { return Vec::new() };
+        let (quad, _) = self.touched_sides(at);
+        let place = [(at[0] - f64::from(quad)).clamp(0.0, 1.0), at[1]];
+        let creases = (0..4).filter(|&side| domain.is_crease_side(quad, side));
+        creases
+            .filter_map(|side| {
+                let on = from_edge(side, [to_edge(side, place, 1.0)[0], 0.0], 1.0);
+                let (next, to, _) = domain.across(quad, side, on, 1.0)?;
+                Some([in_quad(quad, on), in_quad(next, to.map(|x| x.clamp(0.0, 1.0)))])
+            })
+            .collect()
+    }
 }
+
+/// The sides of a quad in the order left, right, bottom, top.
+const SIDES: [u32; 4] = [3, 1, 0, 2];
 
 /// A cell across a side of another one.
 pub(crate) struct CellAcross {

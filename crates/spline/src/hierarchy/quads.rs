@@ -12,7 +12,7 @@
 
 use super::{Cell, Hierarchy, MAX_LEVEL, Topology, grid, places::in_quad};
 use crate::quad_domain::{
-    Level, LevelCell, Neighbourhood, PIECES, QuadDomain, VERTICES_PER_CELL, leaf_weights_around, to_edge,
+    Level, LevelCell, Neighbourhood, PIECES, QuadDomain, Weighted, leaf_weights, to_edge,
 };
 use planish_estimate::{Error, Result};
 use std::collections::{HashMap, HashSet};
@@ -340,6 +340,11 @@ fn cell_of_level(LevelCell { quad, at: [x, y] }: LevelCell, level: usize) -> Cel
     Cell { level: level as u8, i: (quad << level) + x as u32, j: y as u32 }
 }
 
+/// The coefficients of a weighted sum of vertices, as those of its vertices.
+fn weighted_entries((vertices, weights): (&Weighted, [f64; 16])) -> impl Iterator<Item = (usize, [f64; 16])> {
+    vertices.iter().map(move |&(vertex, share)| (vertex, weights.map(|w| share * w)))
+}
+
 /// Traversal that finds the leaves in order, with their extraction.
 struct QuadWalk<'a> {
     levels: Vec<Level<'a>>,
@@ -357,18 +362,20 @@ impl QuadWalk<'_> {
             }
             return;
         }
+        let one = |k: usize| std::array::from_fn(|j| f64::from(u8::from(j == k)));
         match self.levels[usize::from(cell.level)].neighbourhood(level_cell(cell)) {
             Neighbourhood::Regular(vertices) => {
-                let columns = grid(self.hierarchy.base, usize::from(cell.level))[0];
-                let place = cell.j as usize * columns + cell.i as usize;
-                self.hierarchy.leaf_number[usize::from(cell.level)][place] =
-                    self.hierarchy.leaves.len() as u32;
-                let one = |k: usize| std::array::from_fn(|j| f64::from(u8::from(j == k)));
+                self.number_leaf(cell);
                 self.add_leaf(cell, cell.level, vertices.iter().enumerate().map(|(k, &v)| (v, one(k))));
             }
-            Neighbourhood::Around { corner, vertices } => {
+            Neighbourhood::Creased(vertices) => {
+                self.number_leaf(cell);
+                let entries = vertices.iter().enumerate().map(|(k, weighted)| (weighted, one(k)));
+                self.add_leaf(cell, cell.level, entries.flat_map(weighted_entries));
+            }
+            Neighbourhood::Around { corner, shape, cell: number, vertices } => {
                 self.first_piece.insert(cell, self.hierarchy.leaves.len() as u32);
-                let weights = leaf_weights_around((vertices.len() - 1) / VERTICES_PER_CELL);
+                let weights = &leaf_weights(shape)[number];
                 for row in 0..PIECES {
                     for column in 0..PIECES {
                         // The same leaf in the frame in which the corner is at (0, 0).
@@ -385,11 +392,19 @@ impl QuadWalk<'_> {
                             i: (cell.i << PIECE_LEVELS) + column as u32,
                             j: (cell.j << PIECE_LEVELS) + row as u32,
                         };
-                        self.add_leaf(piece, cell.level, vertices.iter().copied().zip(turned));
+                        let entries = vertices.iter().zip(turned).flat_map(weighted_entries);
+                        self.add_leaf(piece, cell.level, entries);
                     }
                 }
             }
         }
+    }
+
+    /// The next leaf is this cell.
+    fn number_leaf(&mut self, cell: Cell) {
+        let columns = grid(self.hierarchy.base, usize::from(cell.level))[0];
+        let place = cell.j as usize * columns + cell.i as usize;
+        self.hierarchy.leaf_number[usize::from(cell.level)][place] = self.hierarchy.leaves.len() as u32;
     }
 
     /// A leaf with the vertices of a level and their weights.

@@ -1,6 +1,7 @@
 //! Division of all quads of a domain into four.
 //!
 //! Input: a domain. Output: the finer domain, and its control vertices as weighted sums of the coarser ones.
+//! Each crease becomes two, and marked corners stay corners.
 //! Where all corners have four quads, the surface stays the same (knot insertion). Around other vertices it
 //! changes by a share of the cells that falls with their size; see the table in decision 0111.
 //!
@@ -53,21 +54,33 @@ impl QuadDomain {
                 }));
             }
         }
-        let domain = Self::new(&cells)?;
+        let along = |&[a, b]: &[u32; 2]| self.halves(&fine, [a, b]);
+        let creases = self.creases.given.iter().flat_map(along);
+        let number = |vertex: usize| numbers.get(&vertex).copied().unwrap_or_default();
+        let creases: Vec<[u32; 2]> = creases.map(|edge| edge.map(number)).collect();
+        let corners: Vec<u32> = self.creases.corners.iter().map(|&v| number(v as usize)).collect();
+        let domain = Self::with_creases(&cells, &creases, &corners)?;
         // Vertices beyond borders are found from the quads there, which share a side or corner with a cell.
         vertices.resize(domain.vertex_count(), usize::MAX);
         let finer = Level::new(&domain, 0);
         for cell in (0..domain.cells as u32).map(|quad| LevelCell { quad, at: [0, 0] }) {
             let origin = LevelCell { quad: cell.quad / 4, at: QUARTERS[cell.quad as usize % 4] };
-            let near = finer.neighbourhood(cell);
-            let far = fine.neighbourhood(origin);
-            for (&own, &of_coarse) in near.vertices().iter().zip(far.vertices()) {
+            let near = finer.plain_neighbourhood(cell);
+            let far = fine.plain_neighbourhood(origin);
+            for (own, of_coarse) in near.into_iter().zip(far) {
                 vertices[own] = of_coarse;
             }
         }
         let number = |(vertex, weight): (usize, f64)| (vertex as u32, weight);
         let weights = |&vertex: &usize| fine.parents(&coarse, vertex).into_iter().map(number).collect();
         Ok(Division { weights: vertices.iter().map(weights).collect(), domain })
+    }
+
+    /// Both halves of an edge of the mesh, as vertices of the finer level.
+    fn halves(&self, fine: &Level, [a, b]: [u32; 2]) -> [[usize; 2]; 2] {
+        let side = self.edges().around(a).find(|&h| self.edges().end(h) == b).unwrap_or_default();
+        let middle = fine.middle_of(side);
+        [[a as usize, middle], [middle, b as usize]]
     }
 }
 

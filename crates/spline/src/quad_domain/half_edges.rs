@@ -134,6 +134,11 @@ impl HalfEdges {
         self.around_from(self.first[vertex as usize])
     }
 
+    /// The next half edge with the same start, clockwise; none at a border.
+    pub(super) fn clockwise(&self, h: u32) -> Option<u32> {
+        self.opposite(h).map(next)
+    }
+
     /// The half edges with the same start as a given one, counter-clockwise from it.
     pub(super) fn around_from(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
         std::iter::successors(Some(first), move |&h| self.opposite(previous(h)).filter(|&o| o != first))

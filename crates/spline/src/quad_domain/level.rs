@@ -4,10 +4,14 @@
 //! those along edges, then those inside of quads. All is computed from the quads; nothing is stored, so
 //! single cells of fine levels cost nothing.
 //!
+//! A cell beside a crease has no vertices of the other side among its sixteen. Its vertices beyond the crease
+//! are weighted ones of its own side.
+//!
 //! Not guaranteed: vertices that are more than one cell beyond a border.
 
 use super::QuadDomain;
-use super::extraordinary::{PLACES, VERTICES_PER_CELL};
+use super::creases::VertexRule;
+use super::extraordinary::{FanKind, FanShape, PLACES, VERTICES_PER_CELL};
 use super::half_edges::HalfEdges;
 
 /// A cell of a level: its quad, and its column and row there. Quads from [`QuadDomain::cells`] on lie beyond
@@ -18,20 +22,27 @@ pub(crate) struct LevelCell {
     pub(crate) at: [i64; 2],
 }
 
+/// Vertices with their weights.
+pub(crate) type Weighted = Vec<(usize, f64)>;
+
 /// The control vertices of a cell.
 pub(crate) enum Neighbourhood {
     /// All corners have four quads: 4 × 4 vertices, row by row.
     Regular([usize; 16]),
-    /// This corner has not: the vertices around it, in the order of
-    /// [`leaf_weights_around`](super::extraordinary::leaf_weights_around).
-    Around { corner: u32, vertices: Vec<usize> },
+    /// The same beside creases, with weighted vertices beyond them.
+    Creased(Box<[Weighted; 16]>),
+    /// This corner has no uniform spline: the vertices around it, in the order of
+    /// [`leaf_weights`](super::extraordinary::leaf_weights), and the number of the cell in its fan.
+    Around { corner: u32, shape: FanShape, cell: usize, vertices: Vec<Weighted> },
 }
 
 impl Neighbourhood {
-    pub(crate) fn vertices(&self) -> &[usize] {
+    pub(crate) fn vertices(&self) -> Vec<usize> {
+        let all = |weighted: &[Weighted]| weighted.iter().flatten().map(|&(vertex, _)| vertex).collect();
         match self {
-            Self::Regular(vertices) => vertices,
-            Self::Around { vertices, .. } => vertices,
+            Self::Regular(vertices) => vertices.to_vec(),
+            Self::Creased(weighted) => all(&weighted[..]),
+            Self::Around { vertices, .. } => all(vertices),
         }
     }
 }
@@ -63,6 +74,17 @@ pub(crate) fn from_edge<T: Copy + std::ops::Sub<Output = T>>(side: u32, [s, t]: 
         _ => [t, last - s],
     }
 }
+
+/// The places of the vertices of a cell and of those around it in its frame, row by row.
+const PLACES_OF_CELL: [[i64; 2]; 16] = {
+    let mut places = [[0; 2]; 16];
+    let mut k = 0;
+    while k < 16 {
+        places[k] = [k as i64 % 4 - 1, k as i64 / 4 - 1];
+        k += 1;
+    }
+    places
+};
 
 impl<'a> Level<'a> {
     pub(crate) fn new(domain: &'a QuadDomain, level: usize) -> Self {
@@ -123,6 +145,11 @@ impl<'a> Level<'a> {
         let along = to_edge(side, [x, y], n)[0];
         let along = if self.edges.of_edges()[edge] == h { along } else { n - along };
         self.edges.vertex_count() + edge * (n as usize - 1) + along as usize - 1
+    }
+
+    /// The vertex in the middle of a side of a quad, from level 1 on.
+    pub(crate) fn middle_of(&self, h: u32) -> usize {
+        self.number(h / 4, from_edge(h % 4, [self.n / 2, 0], self.n))
     }
 
     /// A place of a vertex.
@@ -194,37 +221,119 @@ impl<'a> Level<'a> {
         own.into_iter().chain(beyond.into_iter().flatten()).collect()
     }
 
-    /// True for vertices of cells that have not four of them.
-    pub(crate) fn is_extraordinary(&self, vertex: usize) -> bool {
-        vertex < self.domain.inner_vertices && self.domain.valence(vertex as u32) != 4
-    }
-
-    /// The corner of a cell that has not four cells.
+    /// The corner of a cell at which it has no uniform spline.
     pub(crate) fn extraordinary_corner(&self, cell: LevelCell) -> Option<u32> {
         (0..4).find(|&k| {
             let [s, t] = to_edge(k, cell.at, self.n - 1);
-            s == 0 && t == 0 && self.is_extraordinary(self.edges.start(4 * cell.quad + k) as usize)
+            s == 0 && t == 0 && self.domain.is_special_corner(4 * cell.quad + k)
         })
     }
 
-    /// The control vertices of a cell. Its other corners must have four cells.
+    /// The control vertices of a cell. Its other corners must have uniform splines.
     pub(crate) fn neighbourhood(&self, cell: LevelCell) -> Neighbourhood {
-        let LevelCell { quad, at: [x, y] } = cell;
-        // The domain was checked: control vertices of its cells exist.
-        let at = |quad: u32, at: [i64; 2]| self.vertex(quad, at).unwrap_or_default();
         let Some(corner) = self.extraordinary_corner(cell) else {
-            return Neighbourhood::Regular(std::array::from_fn(|k| {
-                at(quad, [x - 1 + k as i64 % 4, y - 1 + k as i64 / 4])
-            }));
+            return if self.touches_crease(cell) {
+                Neighbourhood::Creased(Box::new(PLACES_OF_CELL.map(|place| self.coefficient(cell, place))))
+            } else {
+                Neighbourhood::Regular(self.plain_neighbourhood(cell))
+            };
         };
-        let first = 4 * quad + corner;
-        let vertex = self.edges.start(first);
-        let mut vertices = Vec::with_capacity(1 + VERTICES_PER_CELL * self.domain.valence(vertex));
-        vertices.push(vertex as usize);
-        for h in self.edges.around_from(first) {
-            vertices.extend(PLACES.map(|[s, t]| at(h / 4, from_edge(h % 4, [s.into(), t.into()], self.n))));
+        let fan = self.domain.fan(4 * cell.quad + corner);
+        let vertex = self.edges.start(fan.first) as usize;
+        let mut vertices = Vec::with_capacity(1 + VERTICES_PER_CELL * fan.shape.quads + 4);
+        vertices.push(vec![(vertex, 1.0)]);
+        let sides: Vec<u32> = self.edges.around_from(fan.first).take(fan.shape.quads).collect();
+        let place = |h: u32, [s, t]: [i8; 2]| {
+            let cell = LevelCell { quad: h / 4, at: from_edge(h % 4, [0, 0], self.n - 1) };
+            self.coefficient(cell, from_edge(h % 4, [s.into(), t.into()], 1))
+        };
+        for &h in &sides {
+            vertices.extend(PLACES.map(|at| place(h, at)));
         }
-        Neighbourhood::Around { corner, vertices }
+        if let (true, Some(&last)) = (fan.shape.is_open(), sides.last()) {
+            vertices.extend([[0, 1], [0, 2]].map(|at| place(last, at)));
+        }
+        if let (FanKind::Through, Some(curve)) = (fan.shape.kind, self.along_curve(vertex)) {
+            vertices.extend(curve.map(|v| vec![(v, 1.0)]));
+        }
+        Neighbourhood::Around { corner, shape: fan.shape, cell: fan.cell, vertices }
+    }
+
+    /// The 4 × 4 vertices of a cell and those around it, whether edges are creases or not.
+    pub(crate) fn plain_neighbourhood(&self, LevelCell { quad, at: [x, y] }: LevelCell) -> [usize; 16] {
+        // The domain was checked: control vertices of its cells exist.
+        PLACES_OF_CELL.map(|[i, j]| self.vertex(quad, [x + i, y + j]).unwrap_or_default())
+    }
+
+    /// The coefficient at a place in the frame of a cell, at most one beyond its sides.
+    fn coefficient(&self, cell: LevelCell, [i, j]: [i64; 2]) -> Weighted {
+        let beyond = [(3, i < 0), (1, i > 1), (0, j < 0), (2, j > 1)];
+        let crease = beyond.into_iter().find(|&(side, is_beyond)| is_beyond && self.is_crease(cell, side));
+        let Some((side, _)) = crease else {
+            let [x, y] = cell.at;
+            return vec![(self.vertex(cell.quad, [x + i, y + j]).unwrap_or_default(), 1.0)];
+        };
+        // Without a second derivative across the crease, three vertices are evenly spaced.
+        let [s, _] = to_edge(side, [i, j], 1);
+        let mut sum: Weighted = Vec::with_capacity(4);
+        for (t, weight) in [(0, 2.0), (1, -1.0)] {
+            for (vertex, w) in self.coefficient(cell, from_edge(side, [s, t], 1)) {
+                match sum.iter_mut().find(|(v, _)| *v == vertex) {
+                    Some((_, own)) => *own += weight * w,
+                    None => sum.push((vertex, weight * w)),
+                }
+            }
+        }
+        sum
+    }
+
+    /// True if a side of a cell lies on a crease.
+    fn is_crease(&self, cell: LevelCell, side: u32) -> bool {
+        to_edge(side, cell.at, self.n - 1)[1] == 0 && self.domain.is_crease_side(cell.quad, side)
+    }
+
+    fn touches_crease(&self, cell: LevelCell) -> bool {
+        (0..4).any(|side| self.is_crease(cell, side))
+    }
+
+    /// True for vertices along creases that are no corners of quads.
+    fn is_inside_crease(&self, vertex: usize) -> bool {
+        (self.edges.vertex_count()..self.first_inside()).contains(&vertex) && {
+            let edge = (vertex - self.edges.vertex_count()) / (self.n as usize - 1);
+            self.domain.creases.has(self.edges, self.edges.of_edges()[edge])
+        }
+    }
+
+    /// The neighbours of a vertex on the curve of creases that passes through it.
+    fn along_curve(&self, vertex: usize) -> Option<[usize; 2]> {
+        let on = |h: u32, s: i64| self.number(h / 4, from_edge(h % 4, [s, 0], self.n));
+        if vertex < self.edges.vertex_count() {
+            return match self.domain.creases.rule(vertex as u32) {
+                VertexRule::Through(curve) => Some(curve.map(|h| on(h, 1))),
+                _ => None,
+            };
+        }
+        self.is_inside_crease(vertex).then(|| {
+            let along = self.n as usize - 1;
+            let (edge, s) =
+                ((vertex - self.edges.vertex_count()) / along, vertex - self.edges.vertex_count());
+            let (h, s) = (self.edges.of_edges()[edge], (s % along) as i64 + 1);
+            [on(h, s - 1), on(h, s + 1)]
+        })
+    }
+
+    fn is_corner(&self, vertex: usize) -> bool {
+        vertex < self.edges.vertex_count() && self.domain.creases.rule(vertex as u32) == VertexRule::Corner
+    }
+
+    /// True if a quad at a vertex has no uniform spline because of it.
+    fn is_extraordinary(&self, vertex: usize) -> bool {
+        vertex < self.domain.inner_vertices
+            && match self.domain.creases.rule(vertex as u32) {
+                VertexRule::Smooth => self.domain.valence(vertex as u32) != 4,
+                VertexRule::Dart => true,
+                _ => self.edges.around(vertex as u32).any(|h| self.domain.is_special_corner(h)),
+            }
     }
 
     /// The cells, not beyond borders, whose splines depend on a vertex.
@@ -242,20 +351,31 @@ impl<'a> Level<'a> {
             .filter(|&v| self.is_extraordinary(v))
             .collect();
         ring(&mut special.into_iter(), &mut cells);
-        cells.retain(|&cell| self.is_inner(cell));
+        // Cells across a crease do not depend on the vertex.
+        let depends = |cell: LevelCell| {
+            let is_uniform = !self.touches_crease(cell) && self.extraordinary_corner(cell).is_none();
+            is_uniform || self.neighbourhood(cell).vertices().contains(&vertex)
+        };
+        cells.retain(|&cell| self.is_inner(cell) && (self.domain.creases().is_empty() || depends(cell)));
         cells
     }
 
     /// A vertex as a weighted sum of those of the coarser level, `coarse`, by the rules of Catmull and Clark.
-    pub(crate) fn parents(&self, coarse: &Self, vertex: usize) -> Vec<(usize, f64)> {
+    /// Vertices on creases follow the spline of the crease.
+    pub(crate) fn parents(&self, coarse: &Self, vertex: usize) -> Weighted {
         let (quad, [x, y]) = self.place(vertex);
-        let mut sum: Vec<(usize, f64)> = Vec::with_capacity(9);
+        let mut sum: Weighted = Vec::with_capacity(9);
         let mut add = |vertex: usize, weight: f64| match sum.iter_mut().find(|(v, _)| *v == vertex) {
             Some((_, w)) => *w += weight,
             None => sum.push((vertex, weight)),
         };
         let [a, b] = [[x / 2, y / 2], [(x + 1) / 2, (y + 1) / 2]].map(|at| coarse.number(quad, at));
         match [x % 2, y % 2] {
+            [0, 0] if coarse.is_corner(a) => add(a, 1.0),
+            [0, 0] if coarse.along_curve(a).is_some() => {
+                add(a, 0.75);
+                coarse.along_curve(a).into_iter().flatten().for_each(|v| add(v, 0.125));
+            }
             [0, 0] => {
                 let cells = coarse.around(a);
                 let n = cells.len() as f64;
@@ -272,6 +392,7 @@ impl<'a> Level<'a> {
                 let cell = LevelCell { quad, at: [x / 2, y / 2] };
                 coarse.corners(cell).into_iter().for_each(|v| add(v, 0.25));
             }
+            _ if self.is_inside_crease(vertex) => [a, b].into_iter().for_each(|v| add(v, 0.5)),
             _ => {
                 [a, b].into_iter().for_each(|v| add(v, 0.25));
                 let corners = coarse.around(a).into_iter().map(|cell| coarse.corners(cell));

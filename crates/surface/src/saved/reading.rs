@@ -7,8 +7,8 @@
 use super::consistency::MeanResidual;
 use super::ranges::{check_information, check_metadata, check_pose, check_rows, check_semidefinite};
 use super::{
-    Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, QUADS, SHARED_CORNER, SHARED_COUPLING, SUPPORT_DEPTH,
-    SUPPORT_DISTANCE, SUPPORT_MARKS, SavedModel, UNRESOLVED_SHAPE, flat_pattern,
+    CORNERS, CREASES, Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, QUADS, SHARED_CORNER, SHARED_COUPLING,
+    SUPPORT_DEPTH, SUPPORT_DISTANCE, SUPPORT_MARKS, SavedModel, UNRESOLVED_SHAPE, flat_pattern,
 };
 use crate::model::{
     Knowledge, MAX_SUPPORT_DEPTH, Observed, PredictionError, PredictiveSigma, ScanErrorInformation,
@@ -132,6 +132,14 @@ impl Tensors {
             TensorData::U8(values) => Ok(values),
             _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U8"))),
         }
+    }
+
+    /// Vertices of creases, two for each, and marked corners; empty if the file has none.
+    fn creases(&mut self) -> Result<(Vec<u32>, Vec<u32>)> {
+        if !self.0.contains_key(CREASES) {
+            return Ok((Vec::new(), Vec::new()));
+        }
+        Ok((self.u32(CREASES, &[2])?, self.u32(CORNERS, &[])?))
     }
 
     /// Information about poses and biases of scans, if the file has any.
@@ -328,7 +336,8 @@ fn unrefined(metadata: &Metadata, tensors: &mut Tensors) -> Result<Unrefined> {
         )));
     }
     let quads = tensors.u32(QUADS, &[4])?;
-    let domain = QuadDomain::new(quads.as_chunks::<4>().0)?;
+    let (creases, corners) = tensors.creases()?;
+    let domain = QuadDomain::with_creases(quads.as_chunks::<4>().0, creases.as_chunks().0, &corners)?;
     if metadata.base != [domain.cells().len(), 1] {
         return Err(Error::input(format!(
             "expected one row of {} base cells, one for each quad, found {} × {}",

@@ -1,9 +1,9 @@
 use super::*;
 use crate::model::{Observed, PredictionError, PredictiveSigma};
-use crate::test_support::{assert_same_model, small_model};
+use crate::test_support::{assert_same_model, model_of, small_model};
 use planish_core::DVec3;
 use planish_estimate::ErrorKind;
-use planish_spline::Shape;
+use planish_spline::{Hierarchy, QuadDomain, Shape, Surface};
 use serde_json::json;
 
 fn session() -> Session {
@@ -43,6 +43,45 @@ fn save_load_save_gives_the_same_model_and_bytes() {
         save(&loaded.model, &loaded.provenance, &second).unwrap();
         assert_eq!(std::fs::read(&first).unwrap(), std::fs::read(&second).unwrap());
     }
+}
+
+/// A model over a cube of which some edges are sharp, with a marked corner.
+fn model_with_creases(creases: &[[u32; 2]], corners: &[u32]) -> SurfaceModel {
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let cube = QuadDomain::with_creases(&quads, creases, corners);
+    let division = cube.unwrap().divided().unwrap();
+    let corners: Vec<DVec3> =
+        (0..8).map(|k| DVec3::new((k & 1).into(), (k >> 1 & 1).into(), (k >> 2).into())).collect();
+    let vertices = division.apply(&corners);
+    let surface = Surface::new(Hierarchy::over(division.domain.into()).unwrap().into(), vertices).unwrap();
+    model_of(surface, |leaf| leaf % 5 != 0)
+}
+
+#[test]
+fn creases_are_saved_with_the_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("creased.planish");
+    let model = model_with_creases(&[[0, 1], [1, 3], [3, 2], [2, 0], [6, 7], [7, 5]], &[1]);
+    save(&model, &[], &path).unwrap();
+    let loaded = load(&path).unwrap();
+    assert_same_model(&loaded, &model);
+    assert!(loaded.surface.space().same_base(model.surface.space()));
+    let domain = loaded.surface.space().domain().unwrap();
+    assert_eq!((domain.creases().len(), domain.corners().len()), (12, 1));
+    let smooth = to_file(&model_with_creases(&[], &[]), &[]).unwrap();
+    assert!(!smooth.tensors.contains_key(CREASES) && !smooth.tensors.contains_key(CORNERS));
+    assert!(from_file(smooth).is_ok());
+    // Cells at ends of creases have several leaves, so a reader that ignores creases notices it.
+    let mut file = to_file(&model, &[]).unwrap();
+    file.tensors.remove(CREASES);
+    let found = from_file(file).expect_err("leaves differ").to_string();
+    assert!(found.contains("do not tile the quads"), "{found}");
+    // An edge that is none of the quads is damage.
+    let mut file = to_file(&model, &[]).unwrap();
+    let TensorData::U32(numbers) = &mut file.tensors.get_mut(CREASES).unwrap().data else { panic!() };
+    numbers[1] = 4_000_000;
+    let found = from_file(file).expect_err("the change is damage").to_string();
+    assert!(found.contains("is no edge of a quad"), "{found}");
 }
 
 #[test]
