@@ -144,7 +144,7 @@ impl Hierarchy {
     pub fn over(domain: Arc<QuadDomain>) -> Result<Self> {
         domain.check_spline()?;
         let quads = domain.cells().len();
-        if quads > 1 << 14 {
+        if quads > 1 << 17 {
             return Err(Error::input(format!("a domain of {quads} quads is too large")));
         }
         Ok(Self::build_over(domain, vec![vec![false; quads]]))

@@ -1,6 +1,7 @@
 //! Division of leaves: which are divided within the limits, and the log of it.
 
 use super::FitOptions;
+use super::leaves::is_piece;
 use crate::subdivision::{Cause, RefinementLog};
 use planish_spline::{Cell, Hierarchy};
 use std::collections::HashSet;
@@ -74,12 +75,21 @@ pub(super) fn divided_within_budget(
     (space.refine(&marked(fits)), fits)
 }
 
-/// The divisions of a surface that has grown: every level as a whole, counted in squares of `cells` cells.
+/// The divisions of a starting surface, counted in squares of `cells` cells.
 pub(super) fn growth_log(space: &Hierarchy, cells: usize) -> RefinementLog {
     let mut log = RefinementLog::default();
-    let base = space.base().iter().product::<usize>() / cells;
-    for level in 1..space.levels() {
-        log.add(level - 1, Cause::Growth, base << (2 * (level - 1)));
+    // In sixteenths, because a cell has one leaf or sixteen pieces.
+    let mut sixteenths = vec![0; space.levels()];
+    for leaf in 0..space.leaves().len() {
+        let share = if is_piece(space, leaf) { 1 } else { 16 };
+        sixteenths[usize::from(space.cell_of_leaf(leaf).level)] += share;
+    }
+    let mut divided = 0;
+    for level in (1..sixteenths.len()).rev() {
+        divided = (sixteenths[level] / 16 + divided) / 4;
+        if divided >= cells {
+            log.add(level - 1, Cause::Growth, divided / cells);
+        }
     }
     log
 }

@@ -36,7 +36,7 @@ const FEWEST_QUADS: usize = 64;
 /// A starting surface is near its mesh at this distance, in edges of the mesh, at all but a share of its
 /// vertices. At most this number of them are tested.
 const NEAR: f64 = 0.5;
-const MAX_MISSED: f64 = 0.01;
+const MAX_MISSED: f64 = 0.015;
 const MAX_TESTED: usize = 10_000;
 /// Blurs, in units of the weakest that the grid can represent.
 const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
