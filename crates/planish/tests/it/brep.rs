@@ -5,7 +5,9 @@ use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_exchange::step::{Brep, BsplineCurve, BsplineSurface, StepOptions, read_step, write_step};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
-use planish_spline::{BaseShape, Hierarchy, QuadDomain, Shape, Surface, TessellationOptions, tessellate};
+use planish_spline::{
+    BaseShape, Hierarchy, QuadDomain, Shape, Surface, TessellationOptions, quadrature, tessellate,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::{Path, PathBuf};

@@ -1,14 +1,18 @@
 //! Fits of objects with handles.
 
+use super::{Draft, is_piece, leaf_areas};
 use crate::export::{BrepOptions, brep_from_model, mesh_from_model};
 use crate::fit::{Fit, FitOptions, FitVerdict, GlobalOptions, Strategy, fit};
+use crate::layout::{Layout, LayoutMesh};
 use planish_core::{BoundingBox, DVec3, Silent};
 use planish_exchange::{PosedScan, ScanSet, Unit};
 use planish_mesh::isosurface;
 use planish_sense::{Noise, Scan, Sensor};
+use planish_spline::{Hierarchy, Surface};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+use std::sync::Arc;
 
 const SIGMA: f64 = 0.1;
 
@@ -46,11 +50,7 @@ fn scan(count: usize, seed: u64) -> ScanSet {
         let [a, b, c] = mesh.corners(areas.partition_point(|area| *area < at).min(areas.len() - 1));
         let (s, t): (f64, f64) = (rng.random(), rng.random());
         let (s, t) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
-        let mut p = a + s * (b - a) + t * (c - a);
-        for _ in 0..5 {
-            let (height, slope) = two_rings(p);
-            p -= height / slope.length_squared() * slope;
-        }
+        let p = on_two_rings(a + s * (b - a) + t * (c - a));
         normals.push(two_rings(p).1.normalize());
         points.push(p + SIGMA * DVec3::from_array([0; 3].map(|_| rng.sample::<f64, _>(StandardNormal))));
     }
@@ -104,4 +104,60 @@ fn models_over_quads_are_saved_and_exported() {
     assert!(brep.closed && 4 * brep.faces.len() < domain.cells().len());
     // A closed surface of genus 2: V − E + F = −2.
     assert_eq!(brep.vertices.len() as i64 - brep.edges.len() as i64 + brep.faces.len() as i64, -2);
+}
+
+/// The point of two rings nearest to `p`, along the gradient.
+fn on_two_rings(mut p: DVec3) -> DVec3 {
+    for _ in 0..8 {
+        let (height, slope) = two_rings(p);
+        p -= height / slope.length_squared() * slope;
+    }
+    p
+}
+
+/// Root mean square distance of a surface from the two rings, over all of its leaves and over those that are
+/// no pieces of cells at extraordinary vertices.
+fn distances_from_two_rings(surface: &Surface) -> [f64; 2] {
+    let areas = leaf_areas(surface);
+    let places = [0.5 - 0.15_f64.sqrt(), 0.5, 0.5 + 0.15_f64.sqrt()];
+    let (mut squares, mut area) = ([0.0; 2], [0.0; 2]);
+    for (leaf, own) in areas.iter().enumerate() {
+        let mut mean = 0.0;
+        for (s, t) in places.iter().flat_map(|s| places.map(|t| (*s, t))) {
+            let (height, slope) = two_rings(surface.leaf_jet(leaf, s, t).point);
+            mean += height * height / slope.length_squared() / 9.0;
+        }
+        for which in 0..if is_piece(surface.space(), leaf) { 1 } else { 2 } {
+            squares[which] += own * mean;
+            area[which] += own;
+        }
+    }
+    [0, 1].map(|k| f64::sqrt(squares[k] / area[k]))
+}
+
+/// Prints the table of the book: `cargo test -p planish-surface --lib -- --nocapture distances_fall`.
+#[test]
+fn distances_fall_with_the_size_of_cells() {
+    let bounds = BoundingBox { min: DVec3::splat(-50.0), max: DVec3::splat(50.0) };
+    let mesh = isosurface(&bounds, 2.0, |p| two_rings(p).0, |_, _| true).unwrap();
+    let meshed = LayoutMesh::new(mesh, 200).unwrap();
+    let mut layout = meshed.divided(&meshed.layout(100).unwrap()).unwrap();
+    let mut found = Vec::new();
+    for _ in 0..4 {
+        layout.positions.iter_mut().for_each(|p| *p = on_two_rings(*p));
+        let space = Arc::new(Hierarchy::over(Arc::new(layout.domain.clone())).unwrap());
+        let cells = layout.domain.cells().len();
+        let start = Surface::new(space, layout.positions.clone()).unwrap();
+        let draft = Draft { meshed: &meshed, finest: 0, layouts: vec![layout.clone()] };
+        let made = draft.interpolating(draft.interpolating(start).unwrap()).unwrap();
+        found.push((cells, distances_from_two_rings(&made)));
+        let division = layout.domain.divided().unwrap();
+        layout = Layout { positions: division.apply(&layout.positions), domain: division.domain };
+    }
+    let order = |k: usize, which: usize| (found[k - 1].1[which] / found[k].1[which]).log2();
+    for (k, (cells, [all, regular])) in found.iter().enumerate() {
+        let orders = if k == 0 { [f64::NAN; 2] } else { [order(k, 0), order(k, 1)] };
+        println!("| {cells} | {all:.2e} | {:.1} | {regular:.2e} | {:.1} |", orders[0], orders[1]);
+    }
+    assert!(order(3, 0) > 3.0 && order(3, 1) > 3.5, "{} {}", order(3, 0), order(3, 1));
 }
