@@ -54,8 +54,8 @@ impl Cell {
     }
 }
 
-/// Maximum level. With base grids of at most 2^14 cells, or 2^17 quads, cell numbers of one direction stay below
-/// 2^29.
+/// Maximum level. With base grids of at most 2^14 cells, or 2^17 quads, cell numbers of one direction stay
+/// below 2^29.
 pub const MAX_LEVEL: usize = 12;
 
 const NOT_A_LEAF: u32 = u32::MAX;

@@ -29,7 +29,7 @@ use crate::subdivision::{Cause, RefineBy, RefinementLog};
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::{Error, Result};
-use planish_spline::{FootPointSearch, Surface, SurfaceSystem};
+use planish_spline::{FootPointSearch, Hierarchy, Surface, SurfaceSystem};
 use std::collections::HashSet;
 
 /// Minimum and maximum number of iterations of an early round.
@@ -70,10 +70,12 @@ const READINGS_PER_SAMPLED: usize = 10;
 /// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere. See
 /// decision 0003.
 const FIRST_SMOOTHING: f64 = 0.15;
-/// Severity of residuals that is not by chance, and the share of such leaves, in those by chance, that asks for
-/// one more round. Few leaves in many had shape of 3 mm there, the tips of ears.
+/// Severity of residuals that is not by chance, and the number of such leaves, also as a share of those by
+/// chance, up to which a surface is fine enough. Few leaves in many had shape of 3 mm, the tips of ears.
+/// Single leaves are rather gross errors, or a sensor whose σ is stated too small.
 const CERTAIN: f64 = 10.0;
-const MAX_CERTAIN: f64 = 0.05;
+const MAX_CERTAIN: usize = 3;
+const MAX_CERTAIN_SHARE: f64 = 0.05;
 /// Longest length over which the prior smooths, in square roots of the surface's area. A stiffer plate would
 /// be no flatter, but the information of the readings about its place would be lost in rounding. See
 /// decision 0003.
@@ -228,12 +230,7 @@ pub(super) fn refine_to_noise(
         let mut division = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
         let space = state.surface.space();
         reached_tolerance |= options.tolerance.is_some() && division.by_residuals == 0;
-        // Some leaves are significant by chance. Dividing them would create new ones of the same kind,
-        // without end. Those that are far beyond chance are divided alone.
-        if division.misfits.len() < chance_misfits(space) {
-            division.misfits.retain(|m| m.cause == Cause::Residuals && m.severity > CERTAIN);
-        }
-        if (division.misfits.len() as f64) < MAX_CERTAIN * chance_misfits(space) as f64 {
+        if !division.is_beyond_chance(space) {
             // A larger sample shows what noise hides in a smaller one.
             is_last = !state.enlarge_sample(sample.len());
             continue;
@@ -254,6 +251,21 @@ struct LeavesToDivide {
     misfits: Vec<Misfit>,
     /// Number of misfits before roughness is considered.
     by_residuals: usize,
+}
+
+impl LeavesToDivide {
+    /// False if there are no more misfits than by chance. Of few, only those remain that are certain.
+    ///
+    /// Some leaves are significant by chance. Dividing them would create new ones of the same kind, without
+    /// end.
+    fn is_beyond_chance(&mut self, space: &Hierarchy) -> bool {
+        let by_chance = chance_misfits(space);
+        if self.misfits.len() >= by_chance {
+            return true;
+        }
+        self.misfits.retain(|m| m.cause == Cause::Residuals && m.severity > CERTAIN);
+        self.misfits.len() > MAX_CERTAIN.max((MAX_CERTAIN_SHARE * by_chance as f64) as usize)
+    }
 }
 
 impl Refinement<'_> {

@@ -6,8 +6,8 @@
 //! A line runs from each extraordinary vertex along each of its edges, straight ahead, until it meets another
 //! line or a border. Lines that lead directly to another extraordinary vertex come first, since they end
 //! without a new corner: fits of nine objects then have about 10 % fewer rectangles. The others advance at
-//! the same speed, so that none cuts through far regions. What they leave are rectangles; tubes and tori without
-//! extraordinary vertices are divided.
+//! the same speed, so that none cuts through far regions. What they leave are rectangles; tubes and tori
+//! without extraordinary vertices are divided.
 //!
 //! Not guaranteed: the smallest number of rectangles.
 //!
