@@ -119,6 +119,11 @@ impl LayoutMesh {
         &self.mesh
     }
 
+    /// The search for its nearest points.
+    pub(crate) fn search(&self) -> &MeshSearch {
+        &self.search
+    }
+
     /// Largest number of quads.
     #[must_use]
     pub fn most(&self) -> usize {

@@ -38,6 +38,9 @@ const FEWEST_QUADS: usize = 64;
 const NEAR: f64 = 0.5;
 const MAX_MISSED: f64 = 0.015;
 const MAX_TESTED: usize = 10_000;
+/// No place is farther than this many times that distance, and what such a place adds to the share.
+const FAR_REACHES: f64 = 3.5;
+const FAR: f64 = 0.5;
 /// Blurs, in units of the weakest that the grid can represent.
 const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
 /// Smallest body, as a share of the volume of all.
@@ -82,7 +85,7 @@ pub(super) fn surface_over_quads(
         let mut more = quads;
         match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface()) {
             Ok(surface) => {
-                let defect = defect(&surface, meshed.mesh())?;
+                let defect = defect(&surface, &meshed)?;
                 // A few more quads do not part what passes through itself.
                 more = if defect > 1.0 { quads } else { quads / 2 };
                 let is_near = defect <= MAX_MISSED;
@@ -107,16 +110,24 @@ pub(super) fn surface_over_quads(
     divided_at_vertices(surface, readings)
 }
 
-/// Share of the vertices of a mesh that are not near a surface, and 1 more if it passes through itself.
-fn defect(surface: &Surface, mesh: &TriangleMesh) -> Result<f64> {
+/// Share of the vertices of a mesh that are not near a surface, with `FAR` more if one is far from it, or it
+/// from the mesh, and 1 more if it passes through itself.
+fn defect(surface: &Surface, meshed: &LayoutMesh) -> Result<f64> {
+    let mesh = meshed.mesh();
     let reach = NEAR * edge_of(mesh);
     let made = tessellate(surface, &TessellationOptions { tolerance: reach, max_divisions: MAX_DIVISIONS })?;
-    let search = MeshSearch::try_new(&TriangleMesh::try_new(made.positions, made.triangles)?)?;
-    let step = mesh.positions.len().div_ceil(MAX_TESTED).max(1);
-    let tested: Vec<DVec3> = mesh.positions.iter().copied().step_by(step).collect();
-    let near = search.closest_all_within(&tested, reach).iter().flatten().count();
-    let missed = (tested.len() - near) as f64 / tested.len().max(1) as f64;
-    Ok(if search.crossing_pairs().is_empty() { missed } else { 1.0 + missed })
+    let search = MeshSearch::try_new(&TriangleMesh::try_new(made.positions.clone(), made.triangles)?)?;
+    let distances = |search: &MeshSearch, points: &[DVec3]| -> Vec<f64> {
+        let step = points.len().div_ceil(MAX_TESTED).max(1);
+        let tested: Vec<DVec3> = points.iter().copied().step_by(step).collect();
+        search.closest_all(&tested).iter().map(|on| on.map_or(f64::INFINITY, |on| on.distance)).collect()
+    };
+    let of_mesh = distances(&search, &mesh.positions);
+    let of_surface = distances(meshed.search(), &made.positions);
+    let missed = of_mesh.iter().filter(|d| **d > reach).count() as f64 / of_mesh.len().max(1) as f64;
+    let is_far = of_mesh.iter().chain(&of_surface).any(|d| *d > FAR_REACHES * reach);
+    let far = if is_far { FAR } else { 0.0 };
+    Ok(if search.crossing_pairs().is_empty() { far + missed } else { 1.0 + missed })
 }
 
 /// Length of an edge of triangles of the mean area, if two of them were a square.
