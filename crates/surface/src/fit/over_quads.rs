@@ -116,10 +116,10 @@ fn defect(surface: &Surface, meshed: &LayoutMesh) -> Result<f64> {
     let mesh = meshed.mesh();
     let reach = NEAR * edge_of(mesh);
     let made = tessellate(surface, &TessellationOptions { tolerance: reach, max_divisions: MAX_DIVISIONS })?;
-    let search = MeshSearch::try_new(&TriangleMesh::try_new(made.positions.clone(), made.triangles)?)?;
+    let made = TriangleMesh::try_new(made.positions, made.triangles)?;
+    let search = MeshSearch::try_new(&made)?;
     let distances = |search: &MeshSearch, points: &[DVec3]| -> Vec<f64> {
-        let step = points.len().div_ceil(MAX_TESTED).max(1);
-        let tested: Vec<DVec3> = points.iter().copied().step_by(step).collect();
+        let tested = tested(points);
         search.closest_all(&tested).iter().map(|on| on.map_or(f64::INFINITY, |on| on.distance)).collect()
     };
     let of_mesh = distances(&search, &mesh.positions);
@@ -128,6 +128,11 @@ fn defect(surface: &Surface, meshed: &LayoutMesh) -> Result<f64> {
     let is_far = of_mesh.iter().chain(&of_surface).any(|d| *d > FAR_REACHES * reach);
     let far = if is_far { FAR } else { 0.0 };
     Ok(if search.crossing_pairs().is_empty() { far + missed } else { 1.0 + missed })
+}
+
+/// At most [`MAX_TESTED`] of some points.
+fn tested(points: &[DVec3]) -> Vec<DVec3> {
+    points.iter().copied().step_by(points.len().div_ceil(MAX_TESTED).max(1)).collect()
 }
 
 /// Length of an edge of triangles of the mean area, if two of them were a square.
@@ -187,12 +192,9 @@ impl<'a> Draft<'a> {
         let layout = &mut self.layouts[0];
         let side = (mesh.area() / layout.domain.cells().len() as f64).sqrt();
         let search = FootPointSearch::new(surface, 2, 0.0)?;
-        let step = mesh.positions.len().div_ceil(MAX_TESTED).max(1);
-        let missed: Vec<(u32, f64, DVec3)> = (0..mesh.positions.len())
+        let missed: Vec<(u32, f64, DVec3)> = tested(&mesh.positions)
             .into_par_iter()
-            .step_by(step)
-            .filter_map(|index| {
-                let position = mesh.positions[index];
+            .filter_map(|position| {
                 let start = search.nearest(position, DVec3::ZERO);
                 let foot = surface.project(position, start, &ProjectionOptions::default());
                 let off = foot.jet.point.distance(position);
