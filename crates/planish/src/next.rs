@@ -52,7 +52,7 @@ use directions::directions;
 use limits::{check_counts, check_view_count};
 use random::{InitialState, at_random};
 
-/// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per node,
+/// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per unknown,
 /// so large models get fewer candidates.
 const COLUMN_NUMBERS: usize = 6_000_000;
 /// Bounds of the number of candidates. With fewer than the first, the best place may be missed. Every step
@@ -193,12 +193,12 @@ struct Place {
     position: DVec3,
     normal: DVec3,
     area: f64,
-    /// The row of a reading along the normal: nodes and weights.
+    /// The row of a reading along the normal: unknowns and weights.
     row: Vec<(u32, f64)>,
 }
 
 impl Place {
-    /// The row applied to a column over the nodes.
+    /// The row applied to a column over the unknowns.
     fn dot(&self, column: &[f64]) -> f64 {
         self.row.iter().map(|&(node, w)| w * column[node as usize]).sum()
     }
@@ -235,23 +235,23 @@ pub fn next_points(
     progress.check("covariance", 0.15)?;
     // Variances before the first reading. They are updated after each choice and never recomputed, because a
     // new factorisation per point would dominate the cost.
+    let unknowns = directions.len();
     let mut variances = variances_of(model, &factor, directions, &places)?;
-    let nodes = model.surface.space().node_count();
     let reading = sigma * sigma;
     // Random sets start from the same variances as the choice, so they are drawn before these change.
     let random = match options.against_random {
         0 => None,
         draws => {
             let before =
-                InitialState { factor: &factor, nodes, places: &places, variances: &variances, reading };
+                InitialState { factor: &factor, unknowns, places: &places, variances: &variances, reading };
             Some(at_random(before, options, draws, progress)?)
         }
     };
     let mut candidates = columns(
         &factor,
-        nodes,
+        unknowns,
         &places,
-        chosen(&places, &variances, (COLUMN_NUMBERS / nodes).clamp(MAX_CANDIDATES[0], MAX_CANDIDATES[1])),
+        chosen(&places, &variances, (COLUMN_NUMBERS / unknowns).clamp(MAX_CANDIDATES[0], MAX_CANDIDATES[1])),
         progress,
     )?;
     let before = figures(&places, &variances);
@@ -325,11 +325,11 @@ fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
     }
 }
 
-/// The information of a model, with one direction of motion per vertex, and the places of the region.
+/// The information of a model, with the directions in which vertices move, and the places of the region.
 struct Prepared {
     system: SurfaceSystem,
     directions: Vec<DVec3>,
-    /// Information of data and prior, with one unknown per node.
+    /// Information of data and prior, with one unknown for each direction.
     information: BlockInformation,
     places: Vec<Place>,
 }
@@ -338,9 +338,9 @@ impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
-        // One unknown per vertex: a reading measures the surface along its normal only, and three unknowns
+        // One unknown for most vertices: a reading measures the surface along its normal only, and three unknowns
         // would make the factorisation far more expensive (`docs/decisions/0002`).
-        let directions = directions(model, &system)?;
+        let directions = directions(model)?;
         let information = model.information_along(&system, &directions)?;
         let places = places(model, &directions, options);
         // Without this check, the figures of an empty region would be 0/0 and the goal would seem reached.
@@ -511,10 +511,10 @@ fn places(model: &SurfaceModel, directions: &[DVec3], options: &NextOptions) -> 
             let side = space.leaves()[leaf].side();
             // The row of the reading: the weights of the nodes at the middle of the leaf, times the component
             // of each node's motion along the normal.
-            let (nodes, extraction) = space.extraction(leaf);
-            let row = nodes.iter().zip(extraction).map(|(&node, e)| {
+            let unknowns = space.unknowns(leaf).filter(|(unknown, _)| (*unknown as usize) < directions.len());
+            let row = unknowns.map(|(unknown, e)| {
                 let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
-                (node, weight * normal.dot(directions[node as usize]))
+                (unknown, weight * normal.dot(directions[unknown as usize]))
             });
             Place {
                 leaf,
@@ -554,7 +554,7 @@ fn chosen(places: &[Place], variances: &[f64], limit: usize) -> Vec<usize> {
 
 fn columns(
     factor: &CholeskyFactor,
-    nodes: usize,
+    unknowns: usize,
     places: &[Place],
     chosen: Vec<usize>,
     progress: &dyn Progress,
@@ -563,7 +563,7 @@ fn columns(
     for (done, part) in chosen.chunks(COLUMNS_PER_SOLVE).enumerate() {
         progress.check("columns", 0.2 + 0.3 * (done * COLUMNS_PER_SOLVE) as f64 / chosen.len() as f64)?;
         progress.items(done * COLUMNS_PER_SOLVE, "places");
-        let mut solved = vec![0.0; nodes * part.len()];
+        let mut solved = vec![0.0; unknowns * part.len()];
         for (c, &place) in part.iter().enumerate() {
             for &(node, weight) in &places[place].row {
                 solved[node as usize * part.len() + c] += weight;

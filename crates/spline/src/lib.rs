@@ -60,6 +60,7 @@ mod surface;
 mod system;
 mod tangent_rows;
 mod tessellation;
+mod unknowns;
 
 pub use base::{BaseShape, fit_function};
 pub use base_fit::{fit_base_shape, scatter_about, shape_parameters};

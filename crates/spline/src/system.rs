@@ -1,8 +1,9 @@
 //! Sparse equations of the control vertices: pattern, ordering and symbolic factor of a hierarchy.
 //!
 //! Input: a [`Hierarchy`]. Output: information accumulated by leaf, the smoothness prior as information, and
-//! factors. Each node has three unknowns, the coordinates of its vertex. Built once per hierarchy and used
-//! for every iteration.
+//! factors. Each node has three unknowns, the coordinates of its vertex, or one along a direction; vertices on
+//! creases have more than one direction (see [`Surface::directions`]). Built once per hierarchy and used for
+//! every iteration.
 
 use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
@@ -30,6 +31,35 @@ pub struct SurfaceSystem {
     symbolic: OnceLock<Arc<SymbolicFactor>>,
     symbolic_scalar: Arc<SymbolicFactor>,
     scatters: Vec<ElementScatter>,
+    /// The equations of displacements along directions, where there are more of them than nodes.
+    displacements: Option<Displacements>,
+}
+
+/// Pattern, scatters and symbolic factor of the displacements of vertices of which some are on creases.
+#[derive(Debug, Clone)]
+struct Displacements {
+    pattern: Arc<BlockPattern>,
+    symbolic: Arc<SymbolicFactor>,
+    scatters: Vec<ElementScatter>,
+}
+
+impl Displacements {
+    /// None if each node has one.
+    fn new(space: &Hierarchy) -> Result<Option<Self>> {
+        let count = space.unknown_count();
+        if count == space.node_count() {
+            return Ok(None);
+        }
+        let of_leaves: Vec<Vec<u32>> = (0..space.leaves().len())
+            .map(|leaf| space.unknowns(leaf).map(|(unknown, _)| unknown).collect())
+            .collect();
+        let pattern = Arc::new(BlockPattern::from_elements(count, of_leaves.iter().map(Vec::as_slice))?);
+        let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::amd(&pattern)?, 1)?);
+        let scatters = (of_leaves.par_iter().with_min_len(64))
+            .map(|unknowns| ElementScatter::new(&pattern, unknowns))
+            .collect::<Result<_>>()?;
+        Ok(Some(Self { pattern, symbolic, scatters }))
+    }
 }
 
 impl SurfaceSystem {
@@ -61,6 +91,7 @@ impl SurfaceSystem {
             symbolic: OnceLock::new(),
             symbolic_scalar,
             scatters,
+            displacements: Displacements::new(space)?,
         })
     }
 
@@ -97,7 +128,7 @@ impl SurfaceSystem {
         fill: impl Fn(usize, &mut CellInformation) -> bool + Sync,
     ) -> Result<BlockInformation> {
         let mut information = self.zero_information()?;
-        self.add_elements(&mut information, CellInformation::default, |cell, leaf| {
+        self.add_elements(&mut information, &self.scatters, CellInformation::default, |cell, leaf| {
             cell.clear();
             fill(leaf, cell).then(|| {
                 let (mut matrix, mut vector) = (Vec::new(), Vec::new());
@@ -108,8 +139,8 @@ impl SurfaceSystem {
         Ok(information)
     }
 
-    /// Accumulates scalar rows for one unknown per node: vertex `a` moves along `directions[a]` only.
-    /// `rows(leaf, add)` calls `add(weights over the sixteen coefficients, direction, value, information)`
+    /// Accumulates scalar rows for displacements along `directions`: one for each node, or those of
+    /// [`Surface::directions`]. `rows(leaf, add)` calls `add(weights over the sixteen coefficients, direction, value, information)`
     /// for each measurement.
     ///
     /// Cheaper than [`Self::accumulate`] for few readings per leaf: about `n (4 + n/2)` multiply-adds per
@@ -140,18 +171,25 @@ impl SurfaceSystem {
         directions: &[DVec3],
         rows: impl Fn(usize, &mut dyn FnMut(&[f64; 16], DVec3, f64, f64)) + Sync,
     ) -> Result<BlockInformation> {
-        let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
+        let (pattern, scatters) = self.along(directions.len());
+        let mut information = BlockInformation::zeros(Arc::clone(pattern), 1, 1)?;
+        let nodes = self.space.node_count();
+        // Directions of nodes alone leave out the further unknowns on creases.
+        let with_further = directions.len() > nodes;
         self.add_elements(
             &mut information,
+            scatters,
             || (),
             |(), leaf| {
-                let (nodes, weights) = self.space.extraction(leaf);
-                let n = nodes.len();
+                let unknowns = || {
+                    let all = self.space.unknowns(leaf);
+                    all.filter(|&(unknown, _)| with_further || (unknown as usize) < nodes)
+                };
+                let n = unknowns().count();
                 // Skip zero weights: a node affects only a few of the sixteen coefficients.
-                let sparse: Vec<(usize, usize, f64)> = weights
-                    .iter()
+                let sparse: Vec<(usize, usize, f64)> = unknowns()
                     .enumerate()
-                    .flat_map(|(a, w)| w.iter().enumerate().map(move |(k, w)| (a, k, *w)))
+                    .flat_map(|(a, (_, w))| w.iter().enumerate().map(move |(k, w)| (a, k, *w)))
                     .filter(|(_, _, w)| *w != 0.0)
                     .collect();
                 // Leaves without readings allocate nothing and add nothing.
@@ -163,8 +201,8 @@ impl SurfaceSystem {
                     for &(a, k, weight) in &sparse {
                         row[a] += weight * c[k];
                     }
-                    for (r, &node) in row.iter_mut().zip(nodes) {
-                        *r *= direction.dot(directions[node as usize]);
+                    for (r, (unknown, _)) in row.iter_mut().zip(unknowns()) {
+                        *r *= direction.dot(directions[unknown as usize]);
                     }
                     add_outer(matrix, vector, &row, value, w);
                 });
@@ -181,15 +219,24 @@ impl SurfaceSystem {
         Ok(information)
     }
 
-    /// Adds a matrix and a vector over the nodes of each leaf, computed in parallel by batches and added in
+    /// Pattern and scatters of displacements along this number of directions.
+    fn along(&self, directions: usize) -> (&Arc<BlockPattern>, &[ElementScatter]) {
+        match &self.displacements {
+            Some(own) if directions > self.space.node_count() => (&own.pattern, &own.scatters),
+            _ => (&self.pattern, &self.scatters),
+        }
+    }
+
+    /// Adds a matrix and a vector over the unknowns of each leaf, computed in parallel by batches and added in
     /// order. `scratch` creates the buffers that a thread reuses.
     fn add_elements<S>(
         &self,
         information: &mut BlockInformation,
+        scatters: &[ElementScatter],
         scratch: impl Fn() -> S + Sync,
         element: impl Fn(&mut S, usize) -> Option<(Vec<f64>, Vec<f64>)> + Sync,
     ) -> Result<()> {
-        for (number, scatters) in self.scatters.chunks(BATCH).enumerate() {
+        for (number, scatters) in scatters.chunks(BATCH).enumerate() {
             let elements: Vec<_> = (0..scatters.len())
                 .into_par_iter()
                 .with_min_len(16)
@@ -206,38 +253,44 @@ impl SurfaceSystem {
         Ok(())
     }
 
-    /// [`Surface::node_normals`] of a surface over this hierarchy.
-    #[must_use]
-    pub fn node_normals(&self, surface: &Surface) -> Vec<DVec3> {
-        surface.node_normals()
-    }
-
-    /// Restricts information to one direction per vertex: `d_iᵀ Λ_ij d_j` and `d_iᵀ η_i`.
+    /// Restricts information to displacements along `directions`: `d_aᵀ Λ_ij d_b` and `d_aᵀ η_i` for unknowns
+    /// `a` of node `i` and `b` of node `j`. Directions are one for each node, or those of
+    /// [`Surface::directions`].
     ///
     /// # Errors
     /// `Input` when the information has another pattern.
     pub fn contract(&self, information: &BlockInformation, directions: &[DVec3]) -> Result<BlockInformation> {
         // Information of another source may have a smaller pattern.
         let information = information.on_pattern(&self.pattern)?;
-        let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
+        let (pattern, _) = self.along(directions.len());
+        let mut out = BlockInformation::zeros(Arc::clone(pattern), 1, 1)?;
         let values = information.values();
         let scalar = information.block_size() == 1;
-        for column in 0..self.pattern.nodes() {
-            for (position, &row) in self.pattern.column_range(column).zip(self.pattern.column(column)) {
+        for column in 0..pattern.nodes() {
+            for (to, &row) in pattern.column_range(column).zip(pattern.column(column)) {
                 let (a, b) = (directions[row as usize], directions[column]);
+                let [of_row, of_column] = [row as usize, column].map(|k| self.space.node_of_unknown(k));
+                // Both patterns are the same up to the first further unknown.
+                let from = match Arc::ptr_eq(pattern, &self.pattern) {
+                    true => to,
+                    false => self.pattern.position(of_row as u32, of_column as u32).ok_or_else(|| {
+                        Error::input(format!("nodes {of_row} and {of_column} share no leaf"))
+                    })?,
+                };
                 if scalar {
-                    out.values_mut()[position] = values[position] * a.dot(b);
+                    out.values_mut()[to] = values[from] * a.dot(b);
                     continue;
                 }
-                let block = &values[9 * position..9 * position + 9];
-                out.values_mut()[position] = (0..3)
+                let block = &values[9 * from..9 * from + 9];
+                // Blocks below the diagonal are stored.
+                let (a, b) = if of_row < of_column { (b, a) } else { (a, b) };
+                out.values_mut()[to] = (0..3)
                     .map(|r| a[r] * DVec3::new(block[3 * r], block[3 * r + 1], block[3 * r + 2]).dot(b))
                     .sum();
             }
         }
-        for ((to, eta), d) in
-            out.vector_mut().iter_mut().zip(information.vector().chunks_exact(3)).zip(directions)
-        {
+        for (unknown, (to, d)) in out.vector_mut().iter_mut().zip(directions).enumerate() {
+            let eta = &information.vector()[3 * self.space.node_of_unknown(unknown)..][..3];
             *to = DVec3::new(eta[0], eta[1], eta[2]).dot(*d);
         }
         Ok(out)
@@ -283,6 +336,7 @@ impl SurfaceSystem {
         let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
         self.add_elements(
             &mut information,
+            &self.scatters,
             || (),
             |(), leaf| {
                 let (matrix, vector) = form(leaf)?;
@@ -306,6 +360,7 @@ impl SurfaceSystem {
         let mut matrix = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 3)?;
         self.add_elements(
             &mut matrix,
+            &self.scatters,
             || (),
             |(), leaf| {
                 let zeros = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
@@ -373,12 +428,16 @@ impl SurfaceSystem {
         })
     }
 
-    /// Factors a matrix of one unknown per node.
+    /// Factors a matrix of displacements along directions.
     ///
     /// # Errors
     /// `Undetermined` when it is not positive definite.
     pub fn factorize_scalar(&self, matrix: &BlockInformation) -> Result<CholeskyFactor> {
-        CholeskyFactor::factorize(&self.symbolic_scalar, matrix)
+        let symbolic = match &self.displacements {
+            Some(own) if matrix.dimension() > self.space.node_count() => &own.symbolic,
+            _ => &self.symbolic_scalar,
+        };
+        CholeskyFactor::factorize(symbolic, matrix)
     }
 
     /// [`Self::factorize_scalar`] that reuses the memory of an earlier factor of this system.

@@ -31,11 +31,11 @@ use std::sync::Arc;
 
 /// Information about poses and biases of scans, which are unknowns in addition to the vertices.
 ///
-/// Vertices move along the surface's normals at their nodes. The unknowns are those of [`ScanPoseReport`]s,
+/// Vertices move along the surface's [`directions`](Surface::directions). The unknowns are those of [`ScanPoseReport`]s,
 /// scan after scan. See [`planish_estimate::sparse::Bordered`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanErrorInformation {
-    /// Coupling of vertices and unknowns, nodes × unknowns, row by row.
+    /// Coupling of displacements of vertices and unknowns, row by row.
     pub coupling: Vec<f64>,
     /// Information about the unknowns, including what was stated.
     pub corner: Vec<f64>,
@@ -234,7 +234,7 @@ impl SurfaceModel {
                 Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), VertexMotion::Freely))
             }
             Knowledge::AlongNormals { .. } => {
-                let directions = system.node_normals(&self.surface);
+                let directions = self.surface.directions();
                 let factor = system.factorize_scalar(&self.information_along(system, &directions)?)?;
                 self.covariance_along(&factor, directions)
             }

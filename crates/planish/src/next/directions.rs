@@ -1,17 +1,17 @@
-//! The direction in which each vertex of a model moves, for models with one unknown a vertex.
+//! The directions in which the vertices of a model move, for models whose unknowns are displacements along
+//! directions.
 
 use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
-use planish_spline::SurfaceSystem;
 use planish_surface::model::{Knowledge, SurfaceModel};
 
-/// One direction for each node.
+/// The direction of each unknown.
 ///
 /// # Errors
-/// `Unsupported` for models with more than one unknown a vertex, and for those of the patch filter.
-pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result<Vec<DVec3>> {
+/// `Unsupported` for models with three unknowns for each vertex, and for those of the patch filter.
+pub(super) fn directions(model: &SurfaceModel) -> Result<Vec<DVec3>> {
     match &model.known {
-        Knowledge::AlongNormals { .. } => Ok(system.node_normals(&model.surface)),
+        Knowledge::AlongNormals { .. } => Ok(model.surface.directions()),
         Knowledge::PerCoordinate { measured, .. } => {
             Ok(vec![only_coordinate(*measured)?; model.surface.space().node_count()])
         }

@@ -34,9 +34,9 @@ pub struct RandomDraws {
 /// State of a model before the planned readings.
 #[derive(Clone, Copy)]
 pub(super) struct InitialState<'a> {
-    /// Factor of the model's information, and its number of nodes.
+    /// Factor of the model's information, and its number of unknowns.
     pub factor: &'a CholeskyFactor,
-    pub nodes: usize,
+    pub unknowns: usize,
     /// The places that may be read, and the variance of the surface at each.
     pub places: &'a [Place],
     pub variances: &'a [f64],
@@ -51,7 +51,7 @@ pub(super) fn at_random(
     draws: usize,
     progress: &dyn Progress,
 ) -> Result<RandomDraws> {
-    let InitialState { factor, nodes, places, .. } = before;
+    let InitialState { factor, unknowns, places, .. } = before;
     let most = DRAWN_NUMBERS / places.len().max(1);
     if options.count > most {
         let error = format!(
@@ -91,7 +91,7 @@ pub(super) fn at_random(
             .map(|draw| {
                 let at = drawn(draw);
                 let mut seen: Vec<Vec<f64>> =
-                    columns(factor, nodes, places, at.clone(), &planish_core::Silent)?
+                    columns(factor, unknowns, places, at.clone(), &planish_core::Silent)?
                         .iter()
                         .map(|c| places.iter().map(|place| place.dot(&c.column)).collect())
                         .collect();

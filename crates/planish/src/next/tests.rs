@@ -63,7 +63,7 @@ fn sigma_after_points_matches_the_updated_information() {
     model.excess_variance.clear();
     let posterior = model.posterior().unwrap();
     let after = figures(
-        &places(&model, &system.node_normals(&model.surface), &options),
+        &places(&model, &model.surface.directions(), &options),
         &(0..model.observed.len())
             .map(|leaf| {
                 let normal = model.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap();

@@ -130,8 +130,7 @@ pub fn next_views(
         let done = views.len() as f64 / options.count as f64;
         progress.check("choosing", 0.4 + 0.6 * done)?;
         progress.items(views.len(), "views");
-        let nodes = model.surface.space().node_count();
-        let together = representatives.covariance(&factor, nodes, &places)?;
+        let together = representatives.covariance(&factor, directions.len(), &places)?;
         let Some(best) = best_of(&candidates, &together, &representatives, options.objective) else {
             break;
         };
@@ -220,8 +219,8 @@ impl Representatives {
     }
 
     /// Their covariance with each other.
-    fn covariance(&self, factor: &CholeskyFactor, nodes: usize, places: &[Place]) -> Result<DMatrix<f64>> {
-        let columns = columns(factor, nodes, places, self.places.clone(), &Silent)?;
+    fn covariance(&self, factor: &CholeskyFactor, unknowns: usize, places: &[Place]) -> Result<DMatrix<f64>> {
+        let columns = columns(factor, unknowns, places, self.places.clone(), &Silent)?;
         let n = self.places.len();
         Ok(DMatrix::from_fn(n, n, |i, j| places[self.places[i]].dot(&columns[j].column)))
     }

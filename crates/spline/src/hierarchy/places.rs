@@ -300,6 +300,29 @@ impl Hierarchy {
         std::array::from_fn(|k| touches[k] && domain.is_crease_side(quad, SIDES[k]))
     }
 
+    /// True if a side of a leaf lies on a crease: the one at which its local coordinate `axis` is 0, or 1 if
+    /// `at_end`.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, QuadDomain};
+    /// let cells = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]];
+    /// let space = Hierarchy::over(QuadDomain::with_creases(&cells, &[[1, 5]], &[])?.into())?;
+    /// assert!(space.is_at_crease(0, 0, true) && space.is_at_crease(1, 0, false));
+    /// assert!(!space.is_at_crease(0, 0, false) && !space.is_at_crease(2, 0, false));
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
+    #[must_use]
+    pub fn is_at_crease(&self, leaf: usize, axis: usize, at_end: bool) -> bool {
+        let Some(domain) = self.domain().filter(|domain| !domain.creases().is_empty()) else {
+            return false;
+        };
+        let Cell { level, i, j } = self.leaves[leaf];
+        let in_quad = [i & ((1 << level) - 1), j][axis];
+        let is_outer = if at_end { in_quad + 1 == 1 << level } else { in_quad == 0 };
+        is_outer && domain.is_crease_side(i >> level, SIDES[2 * axis + usize::from(at_end)])
+    }
+
     /// The quad in which parameters lie, and which of its sides they touch, in the order of [`SIDES`].
     fn touched_sides(&self, at: [f64; 2]) -> (u32, [bool; 4]) {
         let quad = (at[0] as u32).min(self.base[0] as u32 - 1);

@@ -14,6 +14,7 @@ use super::{Cell, Hierarchy, MAX_LEVEL, Topology, grid, places::in_quad};
 use crate::quad_domain::{
     Level, LevelCell, Neighbourhood, PIECES, QuadDomain, Weighted, leaf_weights, to_edge,
 };
+use crate::unknowns::CreaseNode;
 use planish_estimate::{Error, Result};
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -35,11 +36,38 @@ pub(super) struct OverQuads {
     pub(super) first_piece: HashMap<Cell, u32>,
     /// For each level, the nodes of its vertices.
     nodes: Vec<LevelNodes>,
+    /// The nodes on creases, in ascending order, and the node of each further unknown.
+    crease_nodes: Vec<CreaseNode>,
+    further_unknowns: Vec<u32>,
 }
 
 impl OverQuads {
     fn new(domain: &Arc<QuadDomain>) -> Self {
-        Self { domain: Arc::clone(domain), first_piece: HashMap::new(), nodes: Vec::new() }
+        Self {
+            domain: Arc::clone(domain),
+            first_piece: HashMap::new(),
+            nodes: Vec::new(),
+            crease_nodes: Vec::new(),
+            further_unknowns: Vec::new(),
+        }
+    }
+
+    /// Finds the nodes on creases from the anchors of all.
+    fn find_crease_nodes(&mut self, anchors: &[[f64; 2]]) {
+        if self.domain.creases().is_empty() {
+            return;
+        }
+        let on_crease = |(node, &[u, v]): (usize, &[f64; 2])| {
+            let quad = u as u32;
+            // The far side of a quad is a rounding error before its end.
+            let at = if u.next_up() >= f64::from(quad + 1) { [1.0, v] } else { [u - f64::from(quad), v] };
+            let place = self.domain.place_on_crease(quad, at)?;
+            let places = place.around.into_iter().map(|(quad, at)| in_quad(quad, at)).collect();
+            Some(CreaseNode { node: node as u32, places, along: place.along })
+        };
+        self.crease_nodes = anchors.iter().enumerate().filter_map(on_crease).collect();
+        let further = self.crease_nodes.iter().flat_map(|n| vec![n.node; n.further_unknowns()]);
+        self.further_unknowns = further.collect();
     }
 
     /// The unsplit cell at an extraordinary vertex that contains a leaf.
@@ -224,11 +252,22 @@ impl Hierarchy {
         self.quads().map(|over| &over.domain)
     }
 
+    /// The nodes on creases, in ascending order.
+    pub(crate) fn crease_nodes(&self) -> &[CreaseNode] {
+        self.quads().map_or(&[], |over| &over.crease_nodes)
+    }
+
+    /// The node of each unknown beyond the first of all nodes, in ascending order.
+    pub(crate) fn further_unknowns(&self) -> &[u32] {
+        self.quads().map_or(&[], |over| &over.further_unknowns)
+    }
+
     /// The hierarchy with numbered nodes but without leaves, and the nodes of vertices.
     pub(super) fn numbered_over(domain: &Arc<QuadDomain>, split: Vec<Vec<bool>>) -> (Self, OverQuads) {
         let mut over = OverQuads::new(domain);
         let mut made = Self::empty(Topology::Quads(over.clone()), [domain.cells().len(), 1], split);
         over.nodes = (0..made.split.len()).map(|level| made.number_vertices(domain, level)).collect();
+        over.find_crease_nodes(&made.node_anchors);
         (made, over)
     }
 

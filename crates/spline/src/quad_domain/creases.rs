@@ -154,7 +154,56 @@ impl Creases {
     }
 }
 
+/// A place on a crease.
+pub(crate) struct CreasePlace {
+    /// The cells around it, with the place in each.
+    pub(crate) around: Vec<(u32, [f64; 2])>,
+    /// The direction of the crease in the first of them; none at corners, and where creases meet.
+    pub(crate) along: Option<[f64; 2]>,
+}
+
+/// Places of the corners of a cell, and directions of its sides.
+const CORNERS: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+const SIDES: [[f64; 2]; 4] = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]];
+
 impl QuadDomain {
+    /// The crease on which a place in a cell lies; none if it lies on none, or where a single crease ends.
+    pub(crate) fn place_on_crease(&self, cell: u32, at: [f64; 2]) -> Option<CreasePlace> {
+        if let Some(k) = CORNERS.iter().position(|corner| *corner == at) {
+            return self.vertex_on_crease(self.cells()[cell as usize][k]);
+        }
+        let side = [at[1] == 0.0, at[0] == 1.0, at[1] == 1.0, at[0] == 0.0].iter().position(|on| *on)?;
+        if !self.is_crease_side(cell, side as u32) {
+            return None;
+        }
+        let across = self.across(cell, side as u32, at, 1.0).map(|(next, at, _)| (next, at));
+        Some(CreasePlace {
+            around: std::iter::once((cell, at)).chain(across).collect(),
+            along: Some(SIDES[side]),
+        })
+    }
+
+    fn vertex_on_crease(&self, vertex: u32) -> Option<CreasePlace> {
+        let mesh = self.edges();
+        let is_cell = |h: &u32| ((h / 4) as usize) < self.cells;
+        let creases: Vec<u32> = mesh.around(vertex).filter(|&h| self.creases.has(mesh, h)).collect();
+        // A crease that a quad beyond a border would follow runs along the cell on its other side.
+        let first = creases.iter().copied().find(is_cell).or_else(|| mesh.around(vertex).find(is_cell))?;
+        let along = match self.creases.rule(vertex) {
+            VertexRule::Smooth | VertexRule::Dart => return None,
+            VertexRule::Through(_) if creases.len() == 2 => Some(SIDES[(first % 4) as usize]),
+            VertexRule::Through(_) | VertexRule::Corner => None,
+        };
+        let around = mesh.around_from(first).chain(mesh.around(vertex)).filter(is_cell);
+        let mut found: Vec<(u32, [f64; 2])> = Vec::new();
+        for (cell, at) in around.map(|h| (h / 4, CORNERS[(h % 4) as usize])) {
+            if !found.contains(&(cell, at)) {
+                found.push((cell, at));
+            }
+        }
+        Some(CreasePlace { around: found, along })
+    }
+
     /// The fan at the start of a half edge to which its quad belongs.
     pub(super) fn fan(&self, h: u32) -> CornerFan {
         let mesh = self.edges();

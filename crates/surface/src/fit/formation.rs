@@ -120,14 +120,16 @@ pub(super) fn formation_of_global_fit(
     for (place, &k) in order.iter().enumerate() {
         rank[k as usize] = place;
     }
-    let directions = system.node_normals(surface);
+    let directions = surface.directions();
     let of_prior = system.contract(prior, &directions)?;
     let x: Vec<f64> = coordinates(surface.vertices()).to_vec();
     let mut product = vec![0.0; x.len()];
     prior.multiply(&x, &mut product)?;
-    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(product.chunks_exact(3)).zip(&directions))
-        .map(|((eta, product), d)| {
-            DVec3::new(eta[0] - product[0], eta[1] - product[1], eta[2] - product[2]).dot(*d)
+    let pull: Vec<f64> = (directions.iter().enumerate())
+        .map(|(unknown, d)| {
+            let first = 3 * surface.space().node_of_unknown(unknown);
+            let of = |values: &[f64]| DVec3::from_slice(&values[first..]);
+            (of(prior.vector()) - of(&product)).dot(*d)
         })
         .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
@@ -158,12 +160,9 @@ pub(super) fn formation_of_global_fit(
         total.add_diagonal(hold.max(f64::MIN_POSITIVE));
         let factor = system.factorize_scalar(&total)?;
         factor.solve_in_place(&mut step)?;
-        let moved = (surface.vertices().iter().zip(&step).zip(&directions))
-            .map(|((p, step), d)| *p + *step * *d)
-            .collect();
         let motion = VertexMotion::Along(directions.clone());
         let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);
-        formation.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
+        formation.snapshots.push(Snapshot::new(count, surface.displaced(&directions, &step)?, covariance));
     }
     Ok(formation)
 }

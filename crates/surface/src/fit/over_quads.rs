@@ -387,4 +387,6 @@ fn divided_at_vertices(mut surface: Surface, readings: usize) -> Result<Surface>
 }
 
 #[cfg(test)]
+mod creased;
+#[cfg(test)]
 mod tests;

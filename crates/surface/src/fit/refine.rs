@@ -227,7 +227,7 @@ pub(super) fn refine_to_noise(
             let fit = state.converged(system)?;
             return Ok(ConvergedFit { reached_limit, reached_tolerance, refined, ..fit });
         }
-        let mut division = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
+        let mut division = state.leaves_to_divide(&sample, factor.as_ref())?;
         let space = state.surface.space();
         reached_tolerance |= options.tolerance.is_some() && division.by_residuals == 0;
         if !division.is_beyond_chance(space) {
@@ -432,7 +432,6 @@ impl Refinement<'_> {
     /// The leaves that cannot follow their readings, or whose shape asks for smaller cells.
     fn leaves_to_divide(
         &mut self,
-        system: &SurfaceSystem,
         sample: &[u32],
         factor: Option<&CholeskyFactor>,
     ) -> Result<LeavesToDivide> {
@@ -458,14 +457,8 @@ impl Refinement<'_> {
             known.extend(misfits.iter().map(|m| m.leaf));
         }
         if let (true, Some(factor)) = (options.refine_by.curvature(), factor) {
-            let curved = leaves_of_varying_curvature(
-                &self.surface,
-                system,
-                factor,
-                readings,
-                &self.noise,
-                deepest(options),
-            )?;
+            let curved =
+                leaves_of_varying_curvature(&self.surface, factor, readings, &self.noise, deepest(options))?;
             misfits.extend(curved.into_iter().filter(|m| !known.contains(&m.leaf)));
         }
         let by_residuals = misfits.len();

@@ -18,7 +18,7 @@ use crate::observe::{FootState, ProjectedReadings, Quantity, by_leaf};
 use crate::subdivision::Cause;
 use planish_estimate::Result;
 use planish_estimate::sparse::{CholeskyFactor, SelectedInverse};
-use planish_spline::{Surface, SurfaceSystem, curvature_variation};
+use planish_spline::{Surface, curvature_variation};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -30,7 +30,6 @@ const MAX_VARIATION: f64 = 0.5;
 /// those that are too small or have too few readings.
 pub(super) fn leaves_of_varying_curvature(
     surface: &Surface,
-    system: &SurfaceSystem,
     factor: &CholeskyFactor,
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
@@ -41,7 +40,7 @@ pub(super) fn leaves_of_varying_curvature(
     let leaves = space.leaves().len();
     // The factor of the last step is at hand and is near the posterior; a new one would cost a
     // factorisation.
-    let motion = VertexMotion::Along(system.node_normals(surface));
+    let motion = VertexMotion::Along(surface.directions());
     let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
     let posterior = Posterior::new(surface, covariance);
     let curvatures: Vec<Option<[f64; 2]>> = (0..leaves)

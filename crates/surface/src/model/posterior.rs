@@ -9,12 +9,13 @@ use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
 use planish_estimate::{Error, Result};
 use planish_spline::{PatchFilter, StateLayout, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// The posterior covariance of a model's shape.
 ///
 /// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of
-/// position determine. Motion along the surface only changes the parameters of its points, so it is held; see
+/// position determine. Vertices on creases move across them as well. Motion along the surface only changes the parameters of its points, so it is held; see
 /// decision 0002. If parameters were known, every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
@@ -39,7 +40,8 @@ pub enum NodeCovariance {
 pub struct GlobalCovariance {
     pub(super) inverse: SelectedInverse,
     pub(super) motion: VertexMotion,
-    /// What poses and biases of scans add: `G Gᵀ`, with a row of `G` for each node.
+    /// What poses and biases of scans add: `G Gᵀ`, with a row of `G` for each unknown of the
+    /// vertices.
     pub(super) shared: Option<ScanErrorRows>,
 }
 
@@ -51,7 +53,7 @@ pub(super) struct ScanErrorRows {
 
 /// The directions in which vertices move.
 pub enum VertexMotion {
-    /// One unknown for each node, along these directions.
+    /// One unknown for each of these directions: those of the nodes, or of [`Surface::directions`].
     Along(Vec<DVec3>),
     /// Independent coordinates, each with this multiple of the covariance.
     Coordinates(DVec3),
@@ -61,7 +63,7 @@ pub enum VertexMotion {
 
 /// The covariance of one leaf's nodes, from which σ of any of its points follows.
 pub struct LeafCovariance<'a> {
-    weights: &'a [[f64; 16]],
+    weights: Cow<'a, [[f64; 16]]>,
     motion: VertexMotion,
     covariance: Vec<f64>,
     /// Part of σ² along the normal that is not in the covariance.
@@ -83,12 +85,12 @@ const IDENTITY_WEIGHTS: [[f64; 16]; 16] = {
 };
 
 impl ScanErrorRows {
-    /// Adds the covariance that poses and biases cause, for each pair of `nodes`.
-    fn add_to(&self, covariance: &mut [f64], nodes: &[u32]) {
+    /// Adds the covariance that poses and biases cause, for each pair of `unknowns` of vertices.
+    fn add_to(&self, covariance: &mut [f64], unknowns: &[u32]) {
         let width = self.bordered.shared();
-        let row = |node: u32| &self.rows[node as usize * width..][..width];
-        for (line, &a) in covariance.chunks_exact_mut(nodes.len()).zip(nodes) {
-            for (entry, &b) in line.iter_mut().zip(nodes) {
+        let row = |unknown: u32| &self.rows[unknown as usize * width..][..width];
+        for (line, &a) in covariance.chunks_exact_mut(unknowns.len()).zip(unknowns) {
+            for (entry, &b) in line.iter_mut().zip(unknowns) {
                 *entry += row(a).iter().zip(row(b)).map(|(a, b)| a * b).sum::<f64>();
             }
         }
@@ -198,7 +200,7 @@ impl<'a> Posterior<'a> {
             NodeCovariance::Nodes(covariance) => covariance,
             NodeCovariance::Patches(filter) => {
                 return Ok(LeafCovariance {
-                    weights: &IDENTITY_WEIGHTS,
+                    weights: Cow::Borrowed(&IDENTITY_WEIGHTS),
                     // A patch filter knows coefficients of leaves directly, so the weights are the identity.
                     motion: VertexMotion::Coordinates(match filter.options().layout {
                         StateLayout::Height => DVec3::Z,
@@ -210,17 +212,26 @@ impl<'a> Posterior<'a> {
                 });
             }
         };
-        let (nodes, weights) = self.surface.space().extraction(leaf);
-        // Nodes of a leaf are coupled in the pattern, so the selected inverse has all of their entries.
-        let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
+        let space = self.surface.space();
+        let (nodes, weights) = space.extraction(leaf);
+        let (mut unknowns, mut weights) = (Cow::Borrowed(nodes), Cow::Borrowed(weights));
+        if let VertexMotion::Along(directions) = motion
+            && directions.len() > space.node_count()
+        {
+            let (all, of_all): (Vec<u32>, Vec<[f64; 16]>) =
+                space.unknowns(leaf).map(|(unknown, weights)| (unknown, *weights)).unzip();
+            (unknowns, weights) = (Cow::Owned(all), Cow::Owned(of_all));
+        }
+        // Unknowns of a leaf are coupled in the pattern, so the selected inverse has all of their entries.
+        let mut covariance = inverse.dense(&unknowns).ok_or_else(unknown)?;
         if let Some(shared) = shared.as_ref().filter(|_| !self.given_scan_errors) {
-            shared.add_to(&mut covariance, nodes);
+            shared.add_to(&mut covariance, &unknowns);
         }
         Ok(LeafCovariance {
             weights,
             motion: match motion {
                 VertexMotion::Along(directions) => {
-                    VertexMotion::Along(nodes.iter().map(|&n| directions[n as usize]).collect())
+                    VertexMotion::Along(unknowns.iter().map(|&n| directions[n as usize]).collect())
                 }
                 VertexMotion::Coordinates(scales) => VertexMotion::Coordinates(*scales),
                 VertexMotion::Freely => VertexMotion::Freely,

@@ -96,16 +96,18 @@ impl EarlierScanErrors {
         self.moved.len()
     }
 
-    /// `Cᵀ s + P δ` and `C δ`, where the vertices have moved by `s` along their normals and the unknowns by
-    /// `δ`.
+    /// `Cᵀ s + P δ` and `C δ`, where the vertices have moved by `s` along their directions and the unknowns
+    /// by `δ`.
     fn products(&self, surface: &Surface, directions: &[DVec3]) -> (Vec<f64>, Vec<f64>) {
         let ScanErrorInformation { coupling, corner } = &self.information;
         let m = self.width();
         let mut of_shared: Vec<f64> = (corner.chunks_exact(m))
             .map(|row| row.iter().zip(&self.moved).map(|(p, d)| p * d).sum())
             .collect();
-        let ways = (surface.vertices().iter().zip(&self.vertices).zip(directions))
-            .map(|((x, x0), d)| (*x - *x0).dot(*d));
+        let ways = directions.iter().enumerate().map(|(unknown, d)| {
+            let node = surface.space().node_of_unknown(unknown);
+            (surface.vertices()[node] - self.vertices[node]).dot(*d)
+        });
         let of_vertices = (coupling.chunks_exact(m).zip(ways))
             .map(|(row, way)| {
                 for (sum, c) in of_shared.iter_mut().zip(row) {

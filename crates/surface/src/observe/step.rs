@@ -1,4 +1,4 @@
-//! One Gauss–Newton step of a surface whose vertices move along their normals.
+//! One Gauss–Newton step of a surface whose vertices move along their normals, and across creases.
 
 use super::feet::{Foot, along_normal, by_leaf};
 use super::observations::Observations;
@@ -54,7 +54,7 @@ pub(crate) struct NormalStep {
 }
 
 /// One Gauss–Newton step in which every vertex moves along its own normal: one unknown for each node instead
-/// of three.
+/// of three. Only vertices on creases have more ([`Surface::directions`]).
 ///
 /// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found;
 /// the factorisation costs a twenty-seventh of the full one. `memory` keeps the factor's memory from step to
@@ -64,7 +64,7 @@ pub(crate) struct NormalStep {
 /// `Undetermined` if the readings near the surface leave its shape open.
 pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFactor>) -> Result<NormalStep> {
     let StepInput { system, surface, feet, information, channels, prior, weight, earlier } = *input;
-    let directions = system.node_normals(surface);
+    let directions = surface.directions();
     let (start, order) = by_leaf(feet, system.space().leaves().len());
     let mut data = system.accumulate_along(&directions, |leaf, add| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -100,7 +100,8 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     let readings = readings.as_ref().unwrap_or(&data);
     // Only the new readings have residuals at this surface; earlier data act through `pull`.
     let mut gradient: Vec<f64> = readings.vector().to_vec();
-    for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
+    for (unknown, (s, d)) in gradient.iter_mut().zip(&directions).enumerate() {
+        let p = &pull[3 * system.space().node_of_unknown(unknown)..][..3];
         *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
     }
     let (step, scan_errors, scan_error_decrement) = solve(input, &factor, &directions, &gradient)?;
@@ -119,10 +120,9 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     readings.multiply(&step, &mut data_step)?;
     let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
     // The step goes along the normals at which it was linearised.
-    let vertices = surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| *p + *s * *d);
     *memory = Some(factor);
     Ok(NormalStep {
-        surface: surface.with_vertices(vertices.collect())?,
+        surface: surface.displaced(&directions, &step)?,
         degrees,
         decrement,
         seen,
@@ -219,11 +219,8 @@ fn degrees_by_channel(
         let z: Vec<f64> = directions.iter().map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
         let mut y = z.clone();
         factor.solve_in_place(&mut y)?;
-        let moved = |by: &[f64]| {
-            surface.with_vertices(
-                directions.iter().zip(by).map(|(d, s)| DVec3::new(d[0] * s, d[1] * s, d[2] * s)).collect(),
-            )
-        };
+        let still = surface.with_vertices(vec![DVec3::ZERO; surface.vertices().len()])?;
+        let moved = |by: &[f64]| still.displaced(directions, by);
         let (z, y) = (moved(&z)?, moved(&y)?);
         let parts: Vec<Vec<f64>> = (0..feet.len().div_ceil(CHUNK))
             .into_par_iter()

@@ -51,8 +51,11 @@ impl MeanResidual {
     pub(super) fn of_model(model: &SurfaceModel) -> Result<Self> {
         match &model.known {
             Knowledge::AlongNormals { information, .. } => {
-                let normals = model.surface.node_normals();
-                Self::of_information(model, information, |vertex| vec![normals[vertex]])
+                let mut directions = vec![Vec::new(); model.surface.vertices().len()];
+                for (unknown, direction) in model.surface.directions().into_iter().enumerate() {
+                    directions[model.surface.space().node_of_unknown(unknown)].push(direction);
+                }
+                Self::of_information(model, information, |vertex| directions[vertex].clone())
             }
             Knowledge::PerCoordinate { information, measured } => {
                 let axes = DVec3::AXES.into_iter().zip(measured).filter(|(_, measured)| **measured);

@@ -143,7 +143,7 @@ impl Tensors {
     }
 
     /// Information about poses and biases of scans, if the file has any.
-    fn shared(&mut self, nodes: usize) -> Result<Option<ScanErrorInformation>> {
+    fn shared(&mut self, displacements: usize) -> Result<Option<ScanErrorInformation>> {
         if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
             return Ok(None);
         }
@@ -151,7 +151,12 @@ impl Tensors {
         let corner = self.f64(SHARED_CORNER, &[width])?;
         let coupling = self.f64(SHARED_COUPLING, &[width])?;
         expect_rows(SHARED_CORNER, corner.len() / width.max(1), width, "unknowns of scans")?;
-        expect_rows(SHARED_COUPLING, coupling.len() / width.max(1), nodes, "vertices")?;
+        expect_rows(
+            SHARED_COUPLING,
+            coupling.len() / width.max(1),
+            displacements,
+            "displacements of vertices",
+        )?;
         check_semidefinite(format_args!("tensor `{SHARED_CORNER}`"), &corner, width)?;
         Ok(Some(ScanErrorInformation { coupling, corner }))
     }
@@ -265,7 +270,7 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
             let prior =
                 tensors.information("information_prior", &pattern, metadata.smoothness_weight > 0.0)?;
             let information = VertexInformation { prior, data };
-            let scan_errors = tensors.shared(space.node_count())?;
+            let scan_errors = tensors.shared(space.unknown_count())?;
             match metadata.measured_coordinates {
                 Some(measured) => Knowledge::PerCoordinate { information, measured },
                 None if metadata.moves_freely => Knowledge::Free { information },

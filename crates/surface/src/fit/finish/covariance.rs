@@ -28,7 +28,7 @@ impl Finishing<'_> {
     ) -> Result<(Arc<NodeCovariance>, Vec<f64>)> {
         let errors = &self.observations.scan_errors;
         let channels = FootChannels::new(self.observations, self.subset);
-        let directions = self.system.node_normals(&model.surface);
+        let directions = model.surface.directions();
         let linearized = Linearized {
             surface: &model.surface,
             directions: &directions,
@@ -105,9 +105,8 @@ fn noise_of_surface(
             })?;
             let mut moved = sums.vector().to_vec();
             factor.solve_in_place(&mut moved)?;
-            let vertices: Vec<DVec3> =
-                (directions.iter().zip(&moved)).map(|(d, by)| d.map(|d| d * by)).collect();
-            Ok(space.leaf_coefficients(&vertices))
+            let still = surface.with_vertices(vec![DVec3::ZERO; space.node_count()])?;
+            Ok(space.leaf_coefficients(still.displaced(directions, &moved)?.vertices()))
         })
         .collect()
 }

@@ -225,7 +225,7 @@ impl Finishing<'_> {
             Err(e) if e.kind() == ErrorKind::Undetermined => return Ok(None),
             Err(e) => return Err(e),
         };
-        let motion = VertexMotion::Along(self.system.node_normals(surface));
+        let motion = VertexMotion::Along(surface.directions());
         Ok(factor.map(|factor| {
             let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);
             (step.surface, Posterior::new(surface, Arc::new(covariance)))

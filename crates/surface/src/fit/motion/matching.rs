@@ -168,16 +168,16 @@ impl RigidTracker {
         for met in self.matched(pose, &readings, 0.0, scale_of_variance) {
             spread += met.row * met.row.transpose() * (met.reading_variance / (met.variance * met.variance));
             let weights = leaf_weights(met.local[0], met.local[1]);
-            let (nodes, extraction) = space.extraction(met.leaf);
-            for (&node, e) in nodes.iter().zip(extraction) {
+            for (unknown, e) in space.unknowns(met.leaf) {
                 let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
-                let weight = weight * met.normal.dot(self.reference.directions[node as usize]) / met.variance;
-                for (sum, j) in moved[6 * node as usize..][..6].iter_mut().zip(met.row.iter()) {
+                let weight =
+                    weight * met.normal.dot(self.reference.directions[unknown as usize]) / met.variance;
+                for (sum, j) in moved[6 * unknown as usize..][..6].iter_mut().zip(met.row.iter()) {
                     *sum += weight * j;
                 }
             }
         }
-        // `moved` is A, six columns for each node; the loop adds AᵀΣA with Σ = Λ⁻¹ from the factor.
+        // `moved` is A, six columns for each displacement; the loop adds AᵀΣA with Σ = Λ⁻¹ from the factor.
         let mut solved = moved.clone();
         self.reference.factor.solve_in_place(&mut solved)?;
         for (a, b) in moved.chunks_exact(6).zip(solved.chunks_exact(6)) {

@@ -53,7 +53,7 @@ impl Reference {
     fn new(fitted: &Fit, size: f64) -> Result<Self> {
         let surface = &fitted.model.surface;
         let system = SurfaceSystem::new(surface.space())?;
-        let directions = system.node_normals(surface);
+        let directions = surface.directions();
         let known = fitted.model.information_along(&system, &directions)?;
         let posterior = fitted.posterior();
         let variances = (0..surface.space().leaves().len())

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use std::sync::Arc;
 
-const SIGMA: f64 = 0.1;
+pub(super) const SIGMA: f64 = 0.1;
 
 /// Height above two rings that are joined smoothly, and its gradient.
 fn two_rings(p: DVec3) -> (f64, DVec3) {
@@ -54,7 +54,12 @@ fn scan(count: usize, seed: u64) -> ScanSet {
         normals.push(two_rings(p).1.normalize());
         points.push(p + SIGMA * DVec3::from_array([0; 3].map(|_| rng.sample::<f64, _>(StandardNormal))));
     }
-    let scan = Scan { name: "rings".to_owned(), points, normals: Some(normals), ..Scan::default() };
+    set_of(points, normals)
+}
+
+/// One scan.
+pub(super) fn set_of(points: Vec<DVec3>, normals: Vec<DVec3>) -> ScanSet {
+    let scan = Scan { name: "object".to_owned(), points, normals: Some(normals), ..Scan::default() };
     let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: SIGMA }), ..Sensor::default() };
     ScanSet {
         unit: Some(Unit::Millimetre),

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// The equations `[… C; Cᵀ P] [x; p] = [… ; h]` of the unknowns `p` of scans.
 pub(crate) struct ScanErrorEquations {
-    /// `C`, nodes × unknowns.
+    /// `C`, displacements of vertices × unknowns.
     pub coupling: Vec<f64>,
     /// `P`, with what was stated.
     pub corner: Vec<f64>,
@@ -43,9 +43,9 @@ fn put_block(matrix: &mut [f64], width: usize, start: usize, block: &[f64], m: u
 
 impl ScanErrorEquations {
     /// Equations without information about `width` unknowns.
-    fn zeros(nodes: usize, width: usize) -> Self {
+    fn zeros(displacements: usize, width: usize) -> Self {
         Self {
-            coupling: vec![0.0; nodes * width],
+            coupling: vec![0.0; displacements * width],
             corner: vec![0.0; width * width],
             gradient: vec![0.0; width],
             prior: vec![0.0; width * width],
@@ -90,11 +90,10 @@ impl ScanError {
     ) -> ScanErrorEquations {
         let Linearized { surface, directions, feet, information, channels } = *at;
         let (space, m) = (surface.space(), self.width());
-        let mut made = ScanErrorEquations::zeros(space.node_count(), m);
+        let mut made = ScanErrorEquations::zeros(directions.len(), m);
         for &k in own {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             let rows = rows(foot, channels.subset[k as usize] as usize);
-            let (nodes, weights) = space.extraction(foot.leaf as usize);
             foot.rows(surface, |r, over_leaf| {
                 let row: Vec<f64> = self.unknowns.iter().map(|&k| rows[r][k]).collect();
                 let residual = foot.residuals()[r];
@@ -104,16 +103,16 @@ impl ScanError {
                         made.corner[a * m + b] += w * ra * rb;
                     }
                 }
-                for (&node, weights) in nodes.iter().zip(weights) {
+                for (unknown, weights) in space.unknowns(foot.leaf as usize) {
                     let along: f64 = weights.iter().zip(over_leaf).map(|(w, c)| w * c).sum();
-                    // The coupling of a node is the product of its row and that of the unknowns, along its
-                    // own direction.
-                    let of_node = w * along * foot.normal.dot(directions[node as usize]);
-                    if of_node != 0.0 {
-                        for (c, r) in made.coupling[node as usize * m..].iter_mut().zip(&row) {
+                    // The coupling of a displacement is the product of its row and that of the unknowns,
+                    // along its own direction.
+                    let of_vertex = w * along * foot.normal.dot(directions[unknown as usize]);
+                    if of_vertex != 0.0 {
+                        for (c, r) in made.coupling[unknown as usize * m..].iter_mut().zip(&row) {
                             // Negative, because a residual grows with the motion of the scan and falls with
                             // that of the surface.
-                            *c -= of_node * r;
+                            *c -= of_vertex * r;
                         }
                     }
                 }
@@ -176,7 +175,7 @@ impl ScanErrors {
             .map(|(error, own)| error.equations(at, own, |foot, i| rows(error, foot, i)))
             .collect();
         let (mut start, width) = (self.earlier_width(), self.width());
-        let mut made = ScanErrorEquations::zeros(at.surface.space().node_count(), width);
+        let mut made = ScanErrorEquations::zeros(at.directions.len(), width);
         for (error, part) in self.errors.iter().zip(parts) {
             let m = error.width();
             for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
