@@ -21,18 +21,45 @@ struct Quads {
 
 impl Quads {
     fn new(name: &'static str, quads: &[[u32; 4]], positions: Vec<DVec3>, divisions: usize) -> Self {
-        let mut made = Self { name, domain: QuadDomain::new(quads).unwrap(), positions };
-        for _ in 0..divisions {
-            let division = made.domain.divided().unwrap();
-            made.positions = division.apply(&made.positions);
-            made.domain = division.domain;
+        Self { name, domain: QuadDomain::new(quads).unwrap(), positions }.divided(divisions)
+    }
+
+    /// The same mesh with creases along some of its edges between faces in different planes.
+    fn creased(self, name: &'static str, divisions: usize, is_chosen: impl Fn(DVec3, DVec3) -> bool) -> Self {
+        let at = |v: u32| self.positions[v as usize];
+        let normal = |q: u32| {
+            let [a, b, c, _] = self.domain.cells()[q as usize].map(at);
+            (b - a).cross(c - b)
+        };
+        let mut creases = Vec::new();
+        for (q, quad) in (0..).zip(self.domain.cells()) {
+            for k in 0..4 {
+                let (other, _) = self.domain.neighbour(q, k).unwrap();
+                let ends = [quad[k as usize], quad[(k as usize + 1) % 4]];
+                if normal(q).dot(normal(other)) < 0.5 && is_chosen(at(ends[0]), at(ends[1])) {
+                    creases.push(ends);
+                }
+            }
         }
-        made.continue_beyond_borders();
-        made
+        let domain = QuadDomain::with_creases(self.domain.cells(), &creases, &[]).unwrap();
+        Self { name, domain, positions: self.positions }.divided(divisions)
+    }
+
+    fn divided(mut self, divisions: usize) -> Self {
+        for _ in 0..divisions {
+            let division = self.domain.divided().unwrap();
+            self.positions = division.apply(&self.positions);
+            self.domain = division.domain;
+        }
+        self.continue_beyond_borders();
+        self
     }
 
     /// Mirrors inner vertices at the borders.
     fn continue_beyond_borders(&mut self) {
+        if self.domain.borders() == 0 {
+            return;
+        }
         let space = Hierarchy::over(Arc::new(self.domain.clone())).unwrap();
         let anchors = &space.node_anchors()[self.positions.len()..];
         let is_border = |v: u32| {
@@ -157,6 +184,9 @@ fn meshes() -> Vec<Quads> {
     };
     let cross = along(0).chain(along(1));
     let at_end = |cube: [i32; 3], axis: usize| axis < 2 && (cube[axis] == -3 || cube[axis] == 4);
+    let solid = |name, cubes: &mut dyn Iterator<Item = [i32; 3]>| Quads::voxels(name, cubes, closed, 0);
+    let step = || (0..12).map(|k| [k % 3, k / 3 % 2, k / 6]).filter(|c| c[0] < 2 || c[2] == 0);
+    let below = |a: DVec3, b: DVec3| a.z.max(b.z) < 1.5;
     let apart = cube().chain(cube().map(|c| [c[0] + 9, c[1], c[2]]));
     vec![
         Quads::voxels("cube", cube(), closed, 1),
@@ -167,6 +197,15 @@ fn meshes() -> Vec<Quads> {
         Quads::grid("torus", [7, 5], [true, true]),
         Quads::grid("tube", [6, 4], [true, false]),
         Quads::grid("sheet", [5, 3], [false, false]),
+        solid("", &mut cube()).creased("sharp cube", 0, |_, _| true),
+        solid("", &mut step()).creased("step", 1, |_, _| true),
+        // Creases end halfway up the vertical edges.
+        solid("", &mut cube()).creased("half sharp cube", 1, below),
+        solid("", &mut (0..9).filter(|&k| k != 4).map(|k| [k % 3, k / 3, 0])).creased(
+            "sharp ring",
+            1,
+            |_, _| true,
+        ),
     ]
 }
 
@@ -193,6 +232,17 @@ fn rectangles_cover_each_quad_once_and_touch_no_vertex_twice() {
             for vertex in all.filter(|v| mesh.domain.valence(*v) != 4) {
                 assert!(corners.contains(&vertex), "{}: vertex {vertex}", mesh.name);
             }
+            // Creases are on the boundary only.
+            for (k, &bottom) in rectangle.bottoms.iter().enumerate() {
+                let quad = mesh.domain.cells()[bottom as usize / 4];
+                let [right, top] = [1, 2].map(|side| {
+                    let k = (bottom as usize + side) % 4;
+                    mesh.domain.is_crease([quad[k], quad[(k + 1) % 4]])
+                });
+                let [column, row] = [k % rectangle.columns, k / rectangle.columns];
+                assert!(!right || column + 1 == rectangle.columns, "{}: column {column}", mesh.name);
+                assert!(!top || row + 1 == rectangle.rows(), "{}: row {row}", mesh.name);
+            }
         }
     }
 }
@@ -204,13 +254,18 @@ fn rectangles_are_few() {
     println!("{found:?} of {:?}", meshes().iter().map(|m| m.domain.cells().len()).collect::<Vec<_>>());
     for (mesh, found) in meshes().iter().zip(&found) {
         // Each line from an extraordinary vertex ends at a new corner of two rectangles at most.
-        let special = mesh.domain.extraordinary_vertices();
+        let cells = mesh.domain.cells().iter().enumerate();
+        let special = cells.flat_map(|(q, quad)| {
+            (0..4).filter(move |&k| mesh.domain.is_extraordinary_corner(q, k)).map(move |k| quad[k])
+        });
+        let special: BTreeSet<u32> = special.chain(mesh.domain.extraordinary_vertices()).collect();
         let corners: usize = special.iter().map(|&v| mesh.domain.valence(v)).sum();
         let bound = (3 * corners).div_ceil(4) + 4;
         assert!(*found <= bound, "{}: {found} of at most {bound}", mesh.name);
     }
     // A cube has its six sides; a torus is cut twice in each direction; a sheet is one.
     assert_eq!([found[0], found[4], found[5], found[6], found[7]], [6, 12, 4, 2, 1]);
+    assert_eq!(found[8], 6);
 }
 
 /// Weights of four control points, by the algorithm of de Boor.
