@@ -46,7 +46,7 @@ mod test_shapes;
 mod tests;
 
 use closure::Steps;
-use creases::{CreaseEdges, VertexKind};
+use creases::CreaseEdges;
 use decimation::Decimation;
 use faces::{renumbered, renumbered_with_numbers};
 use field::DirectionField;
@@ -231,7 +231,7 @@ impl LayoutMesh {
 
     fn divided_and_relaxed(&self, layout: &Layout, rounds: usize) -> Result<Layout> {
         let division = layout.domain.divided()?;
-        let mut positions = division.apply(&layout.positions);
+        let mut positions: Vec<DVec3> = division.apply(&layout.positions);
         let edges = self.network.divided(layout, &division, &mut positions);
         let places = places(&division.domain, &edges, &positions, &self.search, &self.network);
         relaxation::relax(&division.domain, &mut positions, &places, rounds);
@@ -289,10 +289,10 @@ impl Part {
         let mut coarse = Decimation::new(mesh, creases.clone(), lattices, &steps);
         coarse.space_evenly(&places);
         let mut positions = coarse.positions();
-        if !quads::pair(&mut coarse, &mut positions) {
+        if !quads::pair(&mut coarse, &network.targets, &mut positions) {
             return Err(Error::undetermined("no mesh of quads was found on the surface"));
         }
-        quads::even_out(&mut coarse.faces, &coarse.creases, &network.targets, &mut positions);
+        quads::even_out(&mut coarse.faces, &mut coarse.creases, &network.targets, &mut positions);
         let (cells, mut positions, numbers) = coarse.faces.numbered(&positions);
         let domain = network.domain(&cells, &coarse.faces, &coarse.creases, &numbers)?;
         let creases = coarse.creases.renumbered(&numbers);

@@ -137,7 +137,7 @@ const TOO_FEW: i64 = 100;
 /// Defect of a fan that bends to the wrong side: convex with three quads, or concave with two.
 const WRONG_BEND: i64 = 20;
 /// Defect of a side of a smooth crease with a single quad: it would have 180°.
-const STRAIGHT_QUAD: i64 = 9;
+pub(super) const STRAIGHT_QUAD: i64 = 9;
 
 impl Fan {
     /// The fan of a face at one of its corners.

@@ -10,7 +10,7 @@
 //! Tarini, Pietroni, Cignoni, Panozzo, Puppo, *Practical quad mesh simplification*, Computer Graphics Forum
 //! 29, 2010: the local changes.
 
-use super::creases::{CreaseEdges, Fan, FanTargets};
+use super::creases::{CreaseEdges, Fan, FanTargets, STRAIGHT_QUAD, VertexKind};
 use super::decimation::Decimation;
 use super::faces::{Face, Faces};
 use planish_core::DVec3;
@@ -27,7 +27,7 @@ type Edge = (u32, u32);
 type Reached = HashMap<u32, (u32, Option<(u32, Edge)>)>;
 
 /// Turns all triangles into quads. False if some are left.
-pub(super) fn pair(coarse: &mut Decimation, at: &mut Vec<DVec3>) -> bool {
+pub(super) fn pair(coarse: &mut Decimation, targets: &FanTargets, at: &mut Vec<DVec3>) -> bool {
     let faces = &coarse.faces;
     let mut pairs: Vec<(bool, f64, Edge)> = Vec::new();
     for edge in faces.edges().into_iter().filter(|&edge| !coarse.creases.has(edge)) {
@@ -43,7 +43,7 @@ pub(super) fn pair(coarse: &mut Decimation, at: &mut Vec<DVec3>) -> bool {
     for (_, _, edge) in pairs {
         join(faces, edge);
     }
-    meet(faces, &mut coarse.creases, at)
+    Quads { faces, creases: &mut coarse.creases, targets }.meet(at)
 }
 
 /// Makes a quad of two triangles at an edge.
@@ -64,67 +64,124 @@ fn skew(corners: &[u32], at: &[DVec3]) -> f64 {
     angle(d, a, b).max(angle(a, b, c)).max(angle(b, c, d)).max(angle(c, d, a))
 }
 
-/// Moves triangles until they meet in pairs. False if some are left.
-///
-/// They cross creases only if they can not meet otherwise: between its creases, a region has an odd number of
-/// them if its border has an odd number of edges.
-fn meet(faces: &mut Faces, creases: &mut CreaseEdges, at: &mut Vec<DVec3>) -> bool {
-    for crosses_creases in [false, true] {
-        let mut blocked: HashSet<Edge> = HashSet::new();
-        if !crosses_creases {
-            blocked.extend(creases.curves.keys());
-        }
-        while let Some(path) = shortest_path(faces, &blocked) {
-            for (k, &edge) in path.iter().enumerate() {
-                let next = path.get(k + 1).copied();
-                let is_moved = match next {
-                    _ if creases.has(edge) => cross_crease(faces, creases, at, edge, next),
-                    None => join(faces, edge),
-                    Some(next) => move_triangle(faces, at, edge, next),
-                };
-                if !is_moved {
-                    // Another path avoids this edge.
-                    blocked.insert(edge);
-                    break;
+impl Quads<'_> {
+    /// Moves triangles until they meet in pairs. False if some are left.
+    ///
+    /// They cross creases only if they can not meet otherwise: between its creases, a region has an odd number
+    /// of them if its border has an odd number of edges.
+    fn meet(&mut self, at: &mut Vec<DVec3>) -> bool {
+        for crosses_creases in [false, true] {
+            let mut blocked: HashSet<Edge> = HashSet::new();
+            if !crosses_creases {
+                blocked.extend(self.creases.curves.keys());
+            }
+            while let Some(mut path) = shortest_path(self.faces, &blocked) {
+                for k in 0..path.len() {
+                    let (edge, next) = (path[k], path.get(k + 1).copied());
+                    let is_moved = match next {
+                        _ if self.creases.has(edge) => self.cross_crease(at, edge, &mut path[k + 1..]),
+                        None => join(self.faces, edge),
+                        Some(next) => move_triangle(self.faces, at, edge, next),
+                    };
+                    if !is_moved {
+                        // Another path avoids this edge.
+                        blocked.insert(edge);
+                        break;
+                    }
                 }
             }
         }
+        !self.faces.has_triangles()
     }
-    !faces.has_triangles()
-}
 
-/// Moves a triangle across a crease, with a new vertex on it: the triangle becomes a quad, and a quad beyond
-/// the crease becomes a triangle at the next edge and a quad. Two triangles become two quads.
-fn cross_crease(
-    faces: &mut Faces,
-    creases: &mut CreaseEdges,
-    at: &mut Vec<DVec3>,
-    edge: Edge,
-    next: Option<Edge>,
-) -> bool {
-    let Some(both) = faces.sides(edge) else { return false };
-    let (a, b) = edge;
-    let middle = faces.add_vertex();
-    at.resize(middle as usize + 1, DVec3::ZERO);
-    at[middle as usize] = 0.5 * (at[a as usize] + at[b as usize]);
-    let is_replaced = match (both.corners[..].as_ref(), next) {
-        (&[_, c, _, d], None) => {
-            let quads = [Face::quad([a, middle, b, c]), Face::quad([b, middle, a, d])];
-            faces.replace(&both.faces, &quads).is_some()
-        }
-        (&[_, c, _, d, e], Some(next)) => {
-            let first = Face::quad([a, middle, b, c]);
-            pentagon_ways([b, middle, a, d, e], next, at).into_iter().flatten().any(|(triangle, quad)| {
-                let new = [first, Face::triangle(triangle), Face::quad(quad)];
-                faces.replace(&both.faces, &new).is_some()
+    /// Moves a triangle across a crease: with one vertex less or one more on it, whichever makes numbers of
+    /// quads better.
+    fn cross_crease(&mut self, at: &mut Vec<DVec3>, edge: Edge, rest: &mut [Edge]) -> bool {
+        let Some(both) = self.faces.sides(edge) else { return false };
+        let fans = |v: u32| both.faces.map(|face| self.fan(v, face));
+        let ([first, second], [a, b]) = (both.faces, [edge.0, edge.1].map(fans));
+        // Of two faces that vanish, or one that becomes a triangle.
+        let lost = [2, if both.corners.len() == 4 { 2 } else { 1 }];
+        let merged: i64 = (0..2)
+            .map(|side| {
+                let (x, y) = (a[side], b[side]);
+                let (kept, other) = if matches!(y.kind, VertexKind::Corner(_)) { (y, x) } else { (x, y) };
+                kept.defect(other.quads as i64 - lost[side]) - x.defect(0) - y.defect(0)
             })
+            .sum();
+        let apex = |v: u32, face: u32| self.fan(v, face).defect(-1) - self.fan(v, face).defect(0);
+        let mut less = merged + apex(both.corners[1], first);
+        let mut more = STRAIGHT_QUAD;
+        if both.corners.len() == 4 {
+            less += apex(both.corners[3], second);
+            more += STRAIGHT_QUAD;
         }
-        _ => false,
-    };
-    if is_replaced {
-        creases.insert_vertex(edge, middle);
+        if less <= more {
+            self.merge_across(at, edge, rest) || self.insert_across(at, edge, rest.first().copied())
+        } else {
+            self.insert_across(at, edge, rest.first().copied()) || self.merge_across(at, edge, rest)
+        }
     }
-    is_replaced
+
+    /// Makes one vertex of the ends of a crease. The triangle at its left vanishes. Beyond it, another one
+    /// vanishes or a quad becomes a triangle.
+    fn merge_across(&mut self, at: &mut [DVec3], edge: Edge, rest: &mut [Edge]) -> bool {
+        let Some(both) = self.faces.sides(edge) else { return false };
+        let (a, b) = edge;
+        let [kept, gone] = if self.creases.allows_merge(self.faces, a, b) {
+            [a, b]
+        } else if self.creases.allows_merge(self.faces, b, a) {
+            [b, a]
+        } else {
+            return false;
+        };
+        let near = self.faces.neighbours(gone).to_vec();
+        let star: Vec<(u32, Face)> = self.faces.around(gone).collect();
+        let old: Vec<u32> = star.iter().map(|(number, _)| *number).collect();
+        let rest_of_star = star.iter().filter(|(number, _)| !both.faces.contains(number));
+        let mut new: Vec<Face> = rest_of_star.map(|(_, face)| face.renamed(gone, kept)).collect();
+        if let [_, _, _, d, e] = both.corners[..] {
+            new.push(Face::triangle([kept, d, e]));
+        }
+        if new.is_empty() || self.faces.replace(&old, &new).is_none() {
+            return false;
+        }
+        self.creases.merged(kept, gone, &near);
+        if matches!(self.creases.kind(kept), VertexKind::OnCurve(_)) {
+            at[kept as usize] = 0.5 * (at[a as usize] + at[b as usize]);
+        }
+        let renamed = |v: u32| if v == gone { kept } else { v };
+        rest.iter_mut().for_each(|(p, q)| (*p, *q) = (renamed(*p), renamed(*q)));
+        true
+    }
+
+    /// Puts a new vertex on a crease: the triangle at its left becomes a quad, and a quad beyond the crease
+    /// becomes a triangle at the next edge and a quad. Two triangles become two quads.
+    fn insert_across(&mut self, at: &mut Vec<DVec3>, edge: Edge, next: Option<Edge>) -> bool {
+        let Some(both) = self.faces.sides(edge) else { return false };
+        let (a, b) = edge;
+        let middle = self.faces.add_vertex();
+        at.resize(middle as usize + 1, DVec3::ZERO);
+        at[middle as usize] = 0.5 * (at[a as usize] + at[b as usize]);
+        let is_replaced = match (&both.corners[..], next) {
+            (&[_, c, _, d], None) => {
+                let quads = [Face::quad([a, middle, b, c]), Face::quad([b, middle, a, d])];
+                self.faces.replace(&both.faces, &quads).is_some()
+            }
+            (&[_, c, _, d, e], Some(next)) => {
+                let first = Face::quad([a, middle, b, c]);
+                pentagon_ways([b, middle, a, d, e], next, at).into_iter().flatten().any(|(triangle, quad)| {
+                    let new = [first, Face::triangle(triangle), Face::quad(quad)];
+                    self.faces.replace(&both.faces, &new).is_some()
+                })
+            }
+            _ => false,
+        };
+        if is_replaced {
+            self.creases.insert_vertex(edge, middle);
+        }
+        is_replaced
+    }
 }
 
 /// Divides the pentagon of a triangle and a quad at an edge into a triangle at the next edge, and a quad.
@@ -193,12 +250,12 @@ fn shortest_path(faces: &Faces, blocked: &HashSet<Edge>) -> Option<Vec<Edge>> {
 /// Faces that change, with their creases.
 struct Quads<'a> {
     faces: &'a mut Faces,
-    creases: &'a CreaseEdges,
+    creases: &'a mut CreaseEdges,
     targets: &'a FanTargets,
 }
 
 /// Evens out the numbers of quads at vertices and in fans between creases, until no change makes them better.
-pub(super) fn even_out(faces: &mut Faces, creases: &CreaseEdges, targets: &FanTargets, at: &mut [DVec3]) {
+pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &FanTargets, at: &mut [DVec3]) {
     let mut own = Quads { faces, creases, targets };
     loop {
         let mut changes = 0;
