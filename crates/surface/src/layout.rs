@@ -10,12 +10,18 @@
 //!
 //! | module | purpose |
 //! |---|---|
+//! | creases | creases of faces that change |
+//! | network | curves, corners and regions of a mesh with creases |
 //! | simplification | coarser meshes, on which large squares are found faster |
 //! | lattice, field | lattices that agree |
 //! | closure | whole steps along edges |
 //! | faces, decimation | one vertex for each lattice position |
 //! | quads | quads from triangles, and fewer extraordinary vertices |
 //! | relaxation | even quads on the mesh |
+//!
+//! Creases of the mesh become creases of the domain. Lattices at them point along their curves, with positions
+//! on them. No change removes a crease or a corner, and vertices move within their curves and between them.
+//! See decision 0118.
 //!
 //! Not guaranteed: the number of quads and of extraordinary vertices, and quads in parts that are thinner
 //! than they are.
@@ -25,20 +31,27 @@
 //! Shewchuk, Guibas, *QuadriFlow: a scalable and robust method for quadrangulation*, 2018.
 
 mod closure;
+mod creases;
 mod decimation;
 mod faces;
 mod field;
 mod lattice;
+mod network;
 mod quads;
 mod relaxation;
 mod simplification;
 #[cfg(test)]
+mod test_shapes;
+#[cfg(test)]
 mod tests;
 
 use closure::Steps;
+use creases::CreaseEdges;
 use decimation::Decimation;
-use faces::renumbered;
+use faces::{renumbered, renumbered_with_numbers};
 use field::DirectionField;
+use network::{CreaseNetwork, Place};
+pub use network::CreasedMesh;
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -72,6 +85,7 @@ pub struct LayoutMesh {
     most: usize,
     mesh: TriangleMesh,
     search: MeshSearch,
+    network: CreaseNetwork,
 }
 
 /// A component of the mesh.
@@ -84,6 +98,7 @@ struct Part {
 /// A mesh of a component.
 struct PartMesh {
     mesh: TriangleMesh,
+    creases: CreaseEdges,
     /// No edge is shorter, where that is possible.
     shortest: f64,
     /// Directions, and opposite half edges, as soon as a layout needs them: several layouts use one mesh.
@@ -91,8 +106,8 @@ struct PartMesh {
 }
 
 impl PartMesh {
-    fn new(mesh: TriangleMesh, shortest: f64) -> Self {
-        Self { mesh, shortest, prepared: OnceLock::new() }
+    fn new((mesh, creases): (TriangleMesh, CreaseEdges), shortest: f64) -> Self {
+        Self { mesh, creases, shortest, prepared: OnceLock::new() }
     }
 }
 
@@ -102,15 +117,51 @@ impl LayoutMesh {
     /// # Errors
     /// `Input` for meshes with borders or of other than manifold topology.
     pub fn new(mesh: TriangleMesh, most: usize) -> Result<Self> {
+        Self::with_creases(CreasedMesh { mesh, creases: Vec::new(), corners: Vec::new() }, most)
+    }
+
+    /// Prepares a mesh for layouts of `most` quads or fewer, the creases of which are those of the mesh.
+    ///
+    /// # Errors
+    /// `Input` for meshes with borders or of other than manifold topology, for creases that are no edges of
+    /// the mesh, and for corners without a crease.
+    ///
+    /// # Examples
+    /// A box with sharp edges. Each corner has three quads, and the faces are planes:
+    /// ```
+    /// use planish_core::DVec3;
+    /// use planish_mesh::parallelepiped;
+    /// use planish_surface::layout::{CreasedMesh, LayoutMesh};
+    /// let mesh = parallelepiped(DVec3::ZERO, [2.0 * DVec3::X, 2.0 * DVec3::Y, 2.0 * DVec3::Z]).welded();
+    /// // Edges of the box are parallel to an axis; diagonals of its faces are not.
+    /// let is_sharp = |[a, b]: &[u32; 2]| {
+    ///     let way = mesh.positions[*a as usize] - mesh.positions[*b as usize];
+    ///     way.abs().max_element() > 0.9 * way.length()
+    /// };
+    /// let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    /// let creases = edges.filter(|[a, b]| a < b).filter(is_sharp).collect();
+    /// let layout = LayoutMesh::with_creases(CreasedMesh { mesh, creases, corners: vec![] }, 100)?.layout(96)?;
+    /// assert_eq!(layout.domain.extraordinary_vertices().len(), 8);
+    /// assert!(layout.positions.iter().all(|p| (p.abs().max_element() - 1.0).abs() < 1e-9));
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    pub fn with_creases(creased: CreasedMesh, most: usize) -> Result<Self> {
+        let mesh = &creased.mesh;
         let check = mesh.check();
         if !(check.watertight && check.manifold && check.oriented) {
             return Err(Error::input("a layout needs a closed manifold mesh with one orientation"));
         }
+        let network = CreaseNetwork::new(&creased)?;
         let (numbers, area, most) = (mesh.parts(), mesh.area(), most.max(1));
         let finest = (area / most as f64).sqrt();
-        let part = |number: u32| Part::new(mesh_of(&mesh, |index| numbers[index] == number)?, finest);
+        let part = |number: u32| {
+            let chosen = (0..mesh.triangles.len()).filter(|&index| numbers[index] == number);
+            let (triangles, positions, numbers) =
+                renumbered_with_numbers(chosen.map(|index| mesh.triangles[index]), &mesh.positions);
+            Part::new(TriangleMesh::try_new(positions, triangles)?, network.edges.renumbered(&numbers), finest)
+        };
         let parts = (0..check.components as u32).map(part).collect::<Result<_>>()?;
-        Ok(Self { parts, area, most, search: MeshSearch::try_new(&mesh)?, mesh })
+        Ok(Self { parts, area, most, search: MeshSearch::try_new(mesh)?, network, mesh: creased.mesh })
     }
 
     /// The mesh.
@@ -133,7 +184,8 @@ impl LayoutMesh {
     /// A layout of about the wanted number of quads.
     ///
     /// # Errors
-    /// `Undetermined` if triangles are left that no change of the mesh turns into quads.
+    /// `Undetermined` if triangles are left that no change of the mesh turns into quads. More quads may help
+    /// between creases that are nearer to each other than a quad's side.
     ///
     /// # Examples
     /// ```
@@ -148,13 +200,16 @@ impl LayoutMesh {
     pub fn layout(&self, quads: usize) -> Result<Layout> {
         let side = (self.area / quads.clamp(1, self.most) as f64).sqrt();
         let (mut cells, mut positions) = (Vec::new(), Vec::new());
+        let (mut creases, mut corners) = (Vec::new(), Vec::new());
         for part in &self.parts {
-            let own = part.layout(side, &self.search)?;
+            let own = part.layout(side, &self.search, &self.network)?;
             let first = positions.len() as u32;
             cells.extend(own.domain.cells().iter().map(|quad| quad.map(|v| v + first)));
+            creases.extend(own.domain.creases().iter().map(|edge| edge.map(|v| v + first)));
+            corners.extend(own.domain.corners().iter().map(|v| v + first));
             positions.extend(own.positions);
         }
-        Ok(Layout { domain: QuadDomain::new(&cells)?, positions })
+        Ok(Layout { domain: QuadDomain::with_creases(&cells, &creases, &corners)?, positions })
     }
 
     /// A layout with each quad divided into four, with its vertices on the mesh and as even as in a new
@@ -176,58 +231,83 @@ impl LayoutMesh {
 
     fn divided_and_relaxed(&self, layout: &Layout, rounds: usize) -> Result<Layout> {
         let division = layout.domain.divided()?;
-        let mut positions = division.apply(&layout.positions);
-        relaxation::relax(&division.domain, &mut positions, &self.search, rounds);
+        let mut positions: Vec<DVec3> = division.apply(&layout.positions);
+        let edges = self.network.divided(layout, &division, &mut positions);
+        let places = places(&division.domain, &edges, &positions, &self.search, &self.network);
+        relaxation::relax(&division.domain, &mut positions, &places, rounds);
         Ok(Layout { domain: division.domain, positions })
     }
 }
 
+/// Where the vertices of a domain may move.
+fn places<'a>(
+    domain: &QuadDomain,
+    edges: &CreaseEdges,
+    positions: &[DVec3],
+    search: &'a MeshSearch,
+    network: &'a CreaseNetwork,
+) -> Vec<Place<'a>> {
+    let faces: Vec<&[u32]> = domain.cells().iter().map(|quad| &quad[..]).collect();
+    network.places(&faces, edges, positions, search)
+}
+
 impl Part {
-    fn new(mesh: TriangleMesh, finest: f64) -> Result<Self> {
+    fn new(mesh: TriangleMesh, creases: CreaseEdges, finest: f64) -> Result<Self> {
         let area = mesh.area();
         let mut shortest = SHORTEST_EDGE * finest;
-        let first = simplified(&with_short_edges(mesh, LONGEST_EDGE * finest)?, shortest)?;
+        let (mesh, creases) = with_short_edges(mesh, creases, LONGEST_EDGE * finest)?;
+        let first = simplified(&mesh, &creases, shortest)?;
         let mut meshes = vec![PartMesh::new(first, shortest)];
         loop {
-            let finer = &meshes[meshes.len() - 1].mesh;
+            let PartMesh { mesh: finer, creases, .. } = &meshes[meshes.len() - 1];
             shortest *= 2.0;
-            let mesh = simplified(finer, shortest)?;
+            let coarser = simplified(finer, creases, shortest)?;
+            let count = coarser.0.positions.len();
             // Where edges can not be collapsed any more, the topology would change.
-            if mesh.positions.len() < COARSEST || 2 * mesh.positions.len() > finer.positions.len() {
+            if count < COARSEST || 2 * count > finer.positions.len() {
                 break;
             }
-            meshes.push(PartMesh::new(mesh, shortest));
+            meshes.push(PartMesh::new(coarser, shortest));
         }
         Ok(Self { area, meshes })
     }
 
-    fn layout(&self, side: f64, search: &MeshSearch) -> Result<Layout> {
+    fn layout(&self, side: f64, search: &MeshSearch, network: &CreaseNetwork) -> Result<Layout> {
         // A small component would collapse under large squares.
         let side = side.min((self.area / MIN_QUADS as f64).sqrt());
         let is_fine = |made: &&PartMesh| made.shortest <= SHORTEST_EDGE * side;
-        let PartMesh { mesh, prepared, .. } =
+        let PartMesh { mesh, creases, prepared, .. } =
             self.meshes.iter().rev().find(is_fine).unwrap_or(&self.meshes[0]);
         let (field, opposite) =
-            prepared.get_or_init(|| (DirectionField::on_mesh(mesh), mesh.opposite_half_edges()));
+            prepared.get_or_init(|| (DirectionField::on_mesh(mesh, creases), mesh.opposite_half_edges()));
         let lattices = field.lattices(side);
         let mut steps = Steps::new(mesh, opposite, &lattices);
+        steps.keep_along(mesh, creases, &lattices);
         steps.close();
-        let mut coarse = Decimation::new(mesh, lattices, &steps);
-        coarse.space_evenly(search);
+        let faces: Vec<&[u32]> = mesh.triangles.iter().map(|t| &t[..]).collect();
+        let places = network.places(&faces, creases, &mesh.positions, search);
+        let mut coarse = Decimation::new(mesh, creases.clone(), lattices, &steps);
+        coarse.space_evenly(&places);
         let mut positions = coarse.positions();
-        if !quads::pair(&mut coarse, &positions) {
+        if !quads::pair(&mut coarse, &network.targets, &mut positions) {
             return Err(Error::undetermined("no mesh of quads was found on the surface"));
         }
-        quads::even_out(&mut coarse.faces, &mut positions);
-        let (cells, mut positions) = coarse.faces.numbered(&positions);
-        let domain = QuadDomain::new(&cells)?;
-        relaxation::relax(&domain, &mut positions, search, relaxation::ROUNDS);
+        quads::even_out(&mut coarse.faces, &mut coarse.creases, &network.targets, &mut positions);
+        let (cells, mut positions, numbers) = coarse.faces.numbered(&positions);
+        let domain = network.domain(&cells, &coarse.faces, &coarse.creases, &numbers)?;
+        let creases = coarse.creases.renumbered(&numbers);
+        let places = self::places(&domain, &creases, &positions, search, network);
+        relaxation::relax(&domain, &mut positions, &places, relaxation::ROUNDS);
         Ok(Layout { domain, positions })
     }
 }
 
 /// The mesh with its long edges halved until all are short.
-fn with_short_edges(mut mesh: TriangleMesh, longest: f64) -> Result<TriangleMesh> {
+fn with_short_edges(
+    mut mesh: TriangleMesh,
+    mut creases: CreaseEdges,
+    longest: f64,
+) -> Result<(TriangleMesh, CreaseEdges)> {
     loop {
         let is_long = |a: u32, b: u32| {
             mesh.positions[a as usize].distance_squared(mesh.positions[b as usize]) > longest * longest
@@ -247,7 +327,10 @@ fn with_short_edges(mut mesh: TriangleMesh, longest: f64) -> Result<TriangleMesh
             divide([a, b, c], middle, &mut triangles);
         }
         if middles.is_empty() {
-            return Ok(mesh);
+            return Ok((mesh, creases));
+        }
+        for (&edge, &middle) in &middles {
+            creases.insert_vertex(edge, middle);
         }
         mesh = TriangleMesh::try_new(positions, triangles)?;
     }

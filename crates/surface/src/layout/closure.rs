@@ -3,12 +3,14 @@
 //! Around a triangle, quarter turns add up to zero, unless the field of directions is singular there. Where
 //! they do, whole steps should add up to zero as well. If they do not, a row of squares ends in the triangle.
 //! The missing step is then taken from a line of edges that leads to a triangle which lacks the opposite
-//! step, or to a singular one, along the way on which the steps of edges change least from the field's.
+//! step, or to a singular one, along the way on which the steps of edges change least from the field's. Steps
+//! along creases have no part across them.
 //!
 //! # References
 //! Huang, Zhou, Niessner, Shewchuk, Guibas, *QuadriFlow: a scalable and robust method for quadrangulation*,
 //! Computer Graphics Forum 37, 2018: steps that close, there by a flow of least cost for all at once.
 
+use super::creases::{CreaseEdges, VertexKind};
 use super::lattice::{Lattice, Step, turned};
 use planish_mesh::TriangleMesh;
 use std::cmp::Reverse;
@@ -33,12 +35,14 @@ pub(super) struct Steps<'a> {
     /// True steps less whole ones, along the directions of the start.
     left: Vec<[f64; 2]>,
     opposite: &'a [u32],
+    /// For each half edge on a crease, which part of its step is along it. Empty without creases.
+    along: Vec<Option<u8>>,
 }
 
 impl<'a> Steps<'a> {
     pub(super) fn new(mesh: &TriangleMesh, opposite: &'a [u32], lattices: &[Lattice]) -> Self {
         let steps = vec![Step { turn: 0, by: [0, 0] }; opposite.len()];
-        let mut own = Self { steps, left: vec![[0.0; 2]; opposite.len()], opposite };
+        let mut own = Self { steps, left: vec![[0.0; 2]; opposite.len()], opposite, along: Vec::new() };
         for half in (0..opposite.len()).filter(|&half| opposite[half] as usize > half) {
             let triangle = mesh.triangles[half / 3];
             let [a, b] = [half % 3, (half + 1) % 3].map(|k| triangle[k] as usize);
@@ -46,6 +50,31 @@ impl<'a> Steps<'a> {
             own.set(half, step, left);
         }
         own
+    }
+
+    /// Makes all steps of creases steps along them, and keeps them so.
+    pub(super) fn keep_along(&mut self, mesh: &TriangleMesh, creases: &CreaseEdges, lattices: &[Lattice]) {
+        if creases.is_empty() {
+            return;
+        }
+        self.along = vec![None; self.opposite.len()];
+        for half in 0..self.opposite.len() {
+            let triangle = mesh.triangles[half / 3];
+            let [a, b] = [half % 3, (half + 1) % 3].map(|k| triangle[k]);
+            if !creases.has((a, b)) {
+                continue;
+            }
+            let way = mesh.positions[b as usize] - mesh.positions[a as usize];
+            let own = &lattices[a as usize];
+            let axis = usize::from(way.dot(own.direction).abs() < way.dot(own.across()).abs());
+            self.along[half] = Some(axis as u8);
+            // Directions at corners are along one of their creases only.
+            if !matches!(creases.kind(a), VertexKind::Corner(_)) {
+                let (mut step, left) = (self.steps[half], self.left[half]);
+                step.by[1 - axis] = 0;
+                self.set(half, step, left);
+            }
+        }
     }
 
     fn set(&mut self, half: usize, step: Step, left: [f64; 2]) {
@@ -140,6 +169,13 @@ impl<'a> Steps<'a> {
         // |l + m|² − |l|² for a unit vector m.
         let change = 1.0 + 2.0 * (left[0] * f64::from(x) + left[1] * f64::from(y));
         let is_long = (by[0] - f64::from(x)).abs().max((by[1] - f64::from(y)).abs()) > 1.0;
+        let is_across = match self.along.get(half) {
+            Some(Some(axis)) => [y, x][usize::from(*axis)] != 0,
+            _ => false,
+        };
+        if is_across {
+            return ((over as u32 / 3, there), f64::INFINITY);
+        }
         let cost = change.max(0.0) + EDGE_COST + if is_long { LONG_COST } else { 0.0 };
         ((over as u32 / 3, there), cost)
     }

@@ -4,13 +4,17 @@
 //! lattice positions are halves of squares. Where the lattice is folded, edges are flipped if that makes
 //! their steps shorter, and collapse when nothing is left of them.
 //!
+//! Creases keep their curves and corners: a vertex on a curve becomes another one along it only.
+//!
 //! Not guaranteed: that all folds go away. Some are left where the steps of a whole area do not fit.
 
 use super::closure::Steps;
+use super::creases::{CreaseEdges, VertexKind};
 use super::faces::{EdgeMap, Face, Faces};
 use super::lattice::{Lattice, Step, turned};
+use super::network::Place;
 use planish_core::DVec3;
-use planish_mesh::{MeshSearch, TriangleMesh};
+use planish_mesh::TriangleMesh;
 use std::collections::HashSet;
 
 /// Rounds of collapses and flips.
@@ -26,6 +30,7 @@ const SPACING_STEP: f64 = 0.8;
 /// The coarse mesh.
 pub(super) struct Decimation {
     pub(super) faces: Faces,
+    pub(super) creases: CreaseEdges,
     /// A lattice for each vertex. Those without faces are not used.
     lattices: Vec<Lattice>,
     weights: Vec<f64>,
@@ -33,12 +38,17 @@ pub(super) struct Decimation {
 }
 
 impl Decimation {
-    pub(super) fn new(mesh: &TriangleMesh, lattices: Vec<Lattice>, steps: &Steps) -> Self {
+    pub(super) fn new(
+        mesh: &TriangleMesh,
+        creases: CreaseEdges,
+        lattices: Vec<Lattice>,
+        steps: &Steps,
+    ) -> Self {
         let faces = Faces::new(&mesh.triangles, mesh.positions.len());
         let ends = mesh.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
         let steps = ends.zip(steps.steps.iter().copied()).collect();
         let weights = vec![1.0; lattices.len()];
-        let mut own = Self { faces, lattices, weights, steps };
+        let mut own = Self { faces, creases, lattices, weights, steps };
         for _ in 0..PASSES {
             if own.collapse_all() == 0 {
                 break;
@@ -86,11 +96,19 @@ impl Decimation {
         if self.faces.valence(a) + self.faces.valence(b) <= 7 {
             return false;
         }
+        let (a, b) = if self.creases.allows_merge(&self.faces, a, b) {
+            (a, b)
+        } else if self.creases.allows_merge(&self.faces, b, a) {
+            (b, a)
+        } else {
+            return false;
+        };
         let near = self.faces.neighbours(b).to_vec();
         let is_new: Vec<bool> = near.iter().map(|&w| w != a && !self.faces.are_joined(a, w)).collect();
         if !self.faces.merge_into(a, b) {
             return false;
         }
+        self.creases.merged(a, b, &near);
         let link = self.steps[&(a, b)];
         for (&w, is_new) in near.iter().zip(is_new) {
             let onward = self.forget((b, w));
@@ -99,8 +117,13 @@ impl Decimation {
             }
         }
         let [x, y] = [a, b].map(|v| (self.weights[v as usize], self.lattices[v as usize]));
-        let position = (x.0 * x.1.position + y.0 * y.1.position) / (x.0 + y.0);
         self.weights[a as usize] = x.0 + y.0;
+        let kinds = [a, b].map(|v| self.creases.kind(v));
+        // A vertex on a crease stays on it.
+        if matches!(kinds, [VertexKind::Corner(_), _] | [VertexKind::OnCurve(_), VertexKind::Free]) {
+            return true;
+        }
+        let position = (x.0 * x.1.position + y.0 * y.1.position) / (x.0 + y.0);
         // Directions stay those of the vertex, since its steps are given along them.
         self.lattices[a as usize].position = position;
         true
@@ -148,6 +171,9 @@ impl Decimation {
             next += 1;
             inner.extend(face.corners().iter().copied().filter(|v| !corners.contains(v)));
             for (p, q) in face.edges().filter(|edge| border.edges().all(|other| other != *edge)) {
+                if self.creases.has((p, q)) {
+                    return None;
+                }
                 let (over, _) = self.faces.left_of(q, p)?;
                 if seen.insert(over) {
                     found.push(over);
@@ -167,7 +193,7 @@ impl Decimation {
     }
 
     fn flip(&mut self, (a, b): (u32, u32)) -> bool {
-        let Some(both) = self.faces.sides((a, b)) else { return false };
+        let Some(both) = self.faces.sides((a, b)).filter(|_| !self.creases.has((a, b))) else { return false };
         let [b, c, a, d] = both.corners[..] else { return false };
         if c == d || self.faces.are_joined(c, d) || self.faces.valence(a).min(self.faces.valence(b)) <= 3 {
             return false;
@@ -192,7 +218,7 @@ impl Decimation {
     }
 
     /// Moves vertices along the surface to where the steps of all edges agree best.
-    pub(super) fn space_evenly(&mut self, search: &MeshSearch) {
+    pub(super) fn space_evenly(&mut self, places: &[Place]) {
         let used = (0..self.lattices.len() as u32).filter(|&v| self.faces.valence(v) > 0);
         let used: Vec<u32> = used.collect();
         for &v in (0..SPACING_ROUNDS).flat_map(|_| &used) {
@@ -207,12 +233,21 @@ impl Decimation {
             };
             let mean = near.iter().map(wanted).sum::<DVec3>() / near.len() as f64;
             let step = SPACING_STEP * (mean - own.position);
-            let on = search.closest(own.position + step - step.dot(own.normal) * own.normal);
-            if let Some(on) = on {
-                (own.at, own.position, own.normal) = (on.point, on.point, on.normal);
-                own.point_along(own.direction);
-                self.lattices[v as usize] = own;
+            match places[v as usize] {
+                Place::Fixed => continue,
+                Place::Along(curve) => {
+                    let (on, way) = curve.nearest(own.position + step.dot(own.direction) * own.direction);
+                    (own.at, own.position) = (on, on);
+                    own.point_along(way.dot(own.direction).signum() * way);
+                }
+                Place::On(search) => {
+                    let on = search.closest(own.position + step - step.dot(own.normal) * own.normal);
+                    let Some(on) = on else { continue };
+                    (own.at, own.position, own.normal) = (on.point, on.point, on.normal);
+                    own.point_along(own.direction);
+                }
             }
+            self.lattices[v as usize] = own;
         }
     }
 }

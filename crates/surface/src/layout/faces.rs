@@ -34,7 +34,7 @@ impl Face {
     }
 
     /// The corners in order from a given one on.
-    fn corners_from(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
+    pub(super) fn corners_from(&self, first: u32) -> impl Iterator<Item = u32> + '_ {
         let start = self.corners().iter().position(|&v| v == first).unwrap_or(0);
         (0..self.count).map(move |k| self.corners[(start + k) % self.count])
     }
@@ -79,6 +79,15 @@ pub(super) fn renumbered<const N: usize>(
     faces: impl Iterator<Item = [u32; N]>,
     positions: &[DVec3],
 ) -> (Vec<[u32; N]>, Vec<DVec3>) {
+    let (faces, positions, _) = renumbered_with_numbers(faces, positions);
+    (faces, positions)
+}
+
+/// The same, and the new number of each vertex: [`u32::MAX`] if it is not used.
+pub(super) fn renumbered_with_numbers<const N: usize>(
+    faces: impl Iterator<Item = [u32; N]>,
+    positions: &[DVec3],
+) -> (Vec<[u32; N]>, Vec<DVec3>, Vec<u32>) {
     let mut number = vec![u32::MAX; positions.len()];
     let mut used = Vec::new();
     let mut new = |v: u32| {
@@ -90,7 +99,7 @@ pub(super) fn renumbered<const N: usize>(
         *own
     };
     let faces = faces.map(|corners| corners.map(&mut new)).collect();
-    (faces, used)
+    (faces, used, number)
 }
 
 /// The faces of a closed manifold.
@@ -183,8 +192,15 @@ impl Faces {
 
     /// The corners of all faces and the positions of their vertices, numbered anew. Triangles have
     /// [`u32::MAX`] as their fourth corner.
-    pub(super) fn numbered(&self, positions: &[DVec3]) -> (Vec<[u32; 4]>, Vec<DVec3>) {
-        renumbered(self.all().map(|(_, face)| face.corners), positions)
+    /// The third list has the new number of each vertex.
+    pub(super) fn numbered(&self, positions: &[DVec3]) -> (Vec<[u32; 4]>, Vec<DVec3>, Vec<u32>) {
+        renumbered_with_numbers(self.all().map(|(_, face)| face.corners), positions)
+    }
+
+    /// A new vertex without faces.
+    pub(super) fn add_vertex(&mut self) -> u32 {
+        self.around.push(Vec::new());
+        self.around.len() as u32 - 1
     }
 
     /// The faces around a vertex, with their numbers.

@@ -4,10 +4,13 @@
 //! the quarter turn and whole step nearest to its own. Agreement over long distances comes from levels with
 //! half as many vertices each, the coarsest first.
 //!
+//! Lattices on a crease have a direction along it and a position on it, and those at corners a position there.
+//!
 //! # References
 //! Jakob, Tarini, Panozzo, Sorkine-Hornung, *Instant field-aligned meshes*, ACM Transactions on Graphics 34,
-//! 2015: the means and the levels.
+//! 2015: the means, the levels and the sharp edges.
 
+use super::creases::{CreaseEdges, VertexKind};
 use super::lattice::Lattice;
 use planish_core::DVec3;
 use planish_core::vector3::tangents;
@@ -28,8 +31,8 @@ pub(super) struct DirectionField {
 }
 
 impl DirectionField {
-    pub(super) fn on_mesh(mesh: &TriangleMesh) -> Self {
-        let mut levels = vec![Level::of_mesh(mesh)];
+    pub(super) fn on_mesh(mesh: &TriangleMesh, creases: &CreaseEdges) -> Self {
+        let mut levels = vec![Level::of_mesh(mesh, creases)];
         loop {
             let last = levels.len() - 1;
             let before = levels[last].places.len();
@@ -50,6 +53,7 @@ impl DirectionField {
                 for (lattice, &parent) in own.iter_mut().zip(&level.parents) {
                     lattice.point_along(coarse[parent as usize]);
                 }
+                level.fix_directions(&mut own);
             }
             level.smooth_directions(&mut own);
             directions.push(own.iter().map(|lattice| lattice.direction).collect());
@@ -69,6 +73,7 @@ impl DirectionField {
                     lattice.position = lattice.on_plane(coarse[parent as usize].position);
                     *lattice = lattice.nearest();
                 }
+                level.fix_positions(&mut own);
             }
             level.smooth_positions(&mut own);
             coarse = own;
@@ -77,11 +82,64 @@ impl DirectionField {
     }
 }
 
+/// The position of a lattice on a crease, and its direction, which a corner of the mesh has not.
+#[derive(Debug, Clone, Copy)]
+struct Fixed {
+    at: DVec3,
+    direction: Option<DVec3>,
+    is_corner: bool,
+}
+
+impl Fixed {
+    fn of_mesh(mesh: &TriangleMesh, creases: &CreaseEdges, around: &Neighbours, v: u32) -> Option<Self> {
+        let at = mesh.positions[v as usize];
+        let ways = || {
+            let near = around.of_vertex(v).iter().filter(|&&w| creases.has((v, w)));
+            let mut ends: Vec<u32> = near.copied().collect();
+            ends.sort_unstable();
+            ends.dedup();
+            ends.into_iter().map(|w| mesh.positions[w as usize] - at).collect::<Vec<_>>()
+        };
+        match creases.kind(v) {
+            VertexKind::Free => None,
+            VertexKind::Corner(_) => Some(Self { at, direction: None, is_corner: true }),
+            VertexKind::OnCurve(_) => {
+                let direction = match ways()[..] {
+                    [a, b] => (b.normalize_or_zero() - a.normalize_or_zero()).try_normalize(),
+                    _ => None,
+                };
+                Some(Self { at, direction, is_corner: false })
+            }
+        }
+    }
+
+    /// What is fixed at the place of two members of a coarser level.
+    fn both(first: Option<Self>, second: Option<Self>) -> Option<Self> {
+        let (Some(a), Some(b)) = (first, second) else { return first.or(second) };
+        let direction = a.direction.or(b.direction);
+        let at = match (a.is_corner, b.is_corner) {
+            (true, _) => a.at,
+            (_, true) => b.at,
+            _ => 0.5 * (a.at + b.at),
+        };
+        Some(Self { at, direction, is_corner: a.is_corner || b.is_corner })
+    }
+
+    fn fix_position(&self, lattice: &mut Lattice) {
+        lattice.position = match self.direction.filter(|_| !self.is_corner) {
+            Some(along) => self.at + (lattice.position - self.at).dot(along) * along,
+            None => self.at,
+        };
+    }
+}
+
 /// A graph of places on a surface.
 struct Level {
     places: Vec<DVec3>,
     normals: Vec<DVec3>,
     areas: Vec<f64>,
+    /// For each place on a crease, what is fixed there. Empty without creases.
+    fixed: Vec<Option<Fixed>>,
     starts: Vec<u32>,
     /// Neighbours of each place, with weights.
     neighbours: Vec<(u32, f64)>,
@@ -92,7 +150,7 @@ struct Level {
 }
 
 impl Level {
-    fn of_mesh(mesh: &TriangleMesh) -> Self {
+    fn of_mesh(mesh: &TriangleMesh, creases: &CreaseEdges) -> Self {
         let mut areas = vec![0.0; mesh.positions.len()];
         for (index, triangle) in mesh.triangles.iter().enumerate() {
             let [a, b, c] = mesh.corners(index);
@@ -104,13 +162,16 @@ impl Level {
         let links = (0..mesh.positions.len() as u32)
             .flat_map(|v| around.of_vertex(v).iter().map(move |&w| (v, w, 0.5)))
             .collect();
-        Self::new(mesh.positions.clone(), mesh.vertex_normals(), areas, links)
+        let fixed = if creases.is_empty() { 0 } else { mesh.positions.len() as u32 };
+        let fixed = (0..fixed).map(|v| Fixed::of_mesh(mesh, creases, &around, v)).collect();
+        Self::new(mesh.positions.clone(), mesh.vertex_normals(), areas, fixed, links)
     }
 
     fn new(
         places: Vec<DVec3>,
         normals: Vec<DVec3>,
         areas: Vec<f64>,
+        fixed: Vec<Option<Fixed>>,
         mut links: Vec<(u32, u32, f64)>,
     ) -> Self {
         links.sort_unstable_by_key(|&(from, to, _)| (from, to));
@@ -125,7 +186,7 @@ impl Level {
             starts[v + 1] += starts[v];
         }
         let mut made =
-            Self { places, normals, areas, starts, neighbours, groups: Vec::new(), parents: Vec::new() };
+            Self { places, normals, areas, fixed, starts, neighbours, groups: Vec::new(), parents: Vec::new() };
         made.groups = groups(made.places.len(), |v| made.of_place(v).iter().map(|&(w, _)| w).collect());
         made
     }
@@ -138,12 +199,16 @@ impl Level {
     fn coarser(&mut self) -> Self {
         let mut parents = vec![u32::MAX; self.places.len()];
         let (mut places, mut normals, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+        let mut fixed = Vec::new();
         let mut add = |members: &[usize]| {
             let area: f64 = members.iter().map(|&v| self.areas[v]).sum();
             let mean = |of: &[DVec3]| members.iter().map(|&v| self.areas[v] * of[v]).sum::<DVec3>();
             places.push(mean(&self.places) / area.max(f64::MIN_POSITIVE));
             normals.push(mean(&self.normals).try_normalize().unwrap_or(self.normals[members[0]]));
             areas.push(area);
+            if !self.fixed.is_empty() {
+                fixed.push(members.iter().map(|&v| self.fixed[v]).fold(None, Fixed::both));
+            }
             areas.len() as u32 - 1
         };
         for [v, w] in self.pairs() {
@@ -163,7 +228,7 @@ impl Level {
             .filter(|(v, w, _)| v != w)
             .collect();
         self.parents = parents;
-        Self::new(places, normals, areas, links)
+        Self::new(places, normals, areas, fixed, links)
     }
 
     /// Pairs of neighbours, the most similar ones first.
@@ -186,14 +251,44 @@ impl Level {
             let (at, normal) = (self.places[v], self.normals[v]);
             Lattice { at, normal, direction: tangents(normal).0, position: at, side }
         };
-        (0..self.places.len()).map(lattice).collect()
+        let mut made: Vec<Lattice> = (0..self.places.len()).map(lattice).collect();
+        self.fix_directions(&mut made);
+        self.fix_positions(&mut made);
+        made
+    }
+
+    fn fixed(&self, v: usize) -> Option<Fixed> {
+        self.fixed.get(v).copied().flatten()
+    }
+
+    fn fix_directions(&self, lattices: &mut [Lattice]) {
+        for (lattice, fixed) in lattices.iter_mut().zip(&self.fixed) {
+            if let Some(along) = fixed.and_then(|fixed| fixed.direction) {
+                lattice.point_along(along);
+            }
+        }
+    }
+
+    fn fix_positions(&self, lattices: &mut [Lattice]) {
+        for (lattice, fixed) in lattices.iter_mut().zip(&self.fixed) {
+            if let Some(fixed) = fixed {
+                fixed.fix_position(lattice);
+            }
+        }
     }
 
     fn smooth_directions(&self, lattices: &mut [Lattice]) {
         self.smooth(lattices, |lattices, v| {
             let mut own = lattices[v];
             let mut total = 0.0;
+            if self.fixed(v).is_some_and(|fixed| fixed.direction.is_some()) {
+                return own;
+            }
             for &(w, weight) in self.of_place(v) {
+                // At a corner, creases have no direction in common.
+                if self.fixed(w as usize).is_some_and(|fixed| fixed.direction.is_none()) {
+                    continue;
+                }
                 let [a, b] = own.agreeing_directions(&lattices[w as usize]);
                 own.point_along(total * a + weight * b);
                 total += weight;
@@ -206,12 +301,19 @@ impl Level {
         self.smooth(lattices, |lattices, v| {
             let mut own = lattices[v];
             let mut total = 0.0;
+            let fixed = self.fixed(v);
+            if fixed.is_some_and(|fixed| fixed.is_corner) {
+                return own;
+            }
             for &(w, weight) in self.of_place(v) {
                 let other = &lattices[w as usize];
                 let [here, there] = own.coinciding(other);
                 let [a, b] = [own.position_at(here), other.position_at(there)];
                 own.position = own.on_plane((total * a + weight * b) / (total + weight));
                 total += weight;
+            }
+            if let Some(fixed) = fixed {
+                fixed.fix_position(&mut own);
             }
             own.nearest()
         });

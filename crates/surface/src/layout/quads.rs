@@ -3,12 +3,14 @@
 //! Pairs of triangles become quads. The triangles that are left are moved through quads until two meet: a
 //! triangle and a quad are a pentagon, which can be divided into a quad and a triangle at any other side. A
 //! closed surface has an even number of them. Then vertices of two quads are removed, quads are collapsed and
-//! edges are turned where that brings the numbers of quads at vertices nearer to four.
+//! edges are turned where that brings the numbers of quads at vertices nearer to four. Creases stay as they are,
+//! and beside them the numbers of quads between two creases count.
 //!
 //! # References
 //! Tarini, Pietroni, Cignoni, Panozzo, Puppo, *Practical quad mesh simplification*, Computer Graphics Forum
 //! 29, 2010: the local changes.
 
+use super::creases::{CreaseEdges, Fan, FanTargets, STRAIGHT_QUAD, VertexKind};
 use super::decimation::Decimation;
 use super::faces::{Face, Faces};
 use planish_core::DVec3;
@@ -19,18 +21,16 @@ use std::f64::consts::FRAC_PI_2;
 const MAX_SKEW: f64 = 1.2;
 /// The same for quads beside a turned edge.
 const MAX_SKEW_TURNED: f64 = 1.5;
-/// Defect of a vertex of two quads: it is not allowed.
-const TWO_QUADS: i64 = 100;
 
 type Edge = (u32, u32);
 /// For each face, the triangle from which it was reached, and the face and edge before it.
 type Reached = HashMap<u32, (u32, Option<(u32, Edge)>)>;
 
 /// Turns all triangles into quads. False if some are left.
-pub(super) fn pair(coarse: &mut Decimation, at: &[DVec3]) -> bool {
+pub(super) fn pair(coarse: &mut Decimation, targets: &FanTargets, at: &mut Vec<DVec3>) -> bool {
     let faces = &coarse.faces;
     let mut pairs: Vec<(bool, f64, Edge)> = Vec::new();
-    for edge in faces.edges() {
+    for edge in faces.edges().into_iter().filter(|&edge| !coarse.creases.has(edge)) {
         let Some(both) = faces.sides(edge) else { continue };
         let own = skew(&both.corners, at);
         let is_diagonal = coarse.is_diagonal(edge);
@@ -43,7 +43,7 @@ pub(super) fn pair(coarse: &mut Decimation, at: &[DVec3]) -> bool {
     for (_, _, edge) in pairs {
         join(faces, edge);
     }
-    meet(faces, at)
+    Quads { faces, creases: &mut coarse.creases, targets }.meet(at)
 }
 
 /// Makes a quad of two triangles at an edge.
@@ -64,41 +64,145 @@ fn skew(corners: &[u32], at: &[DVec3]) -> f64 {
     angle(d, a, b).max(angle(a, b, c)).max(angle(b, c, d)).max(angle(c, d, a))
 }
 
-/// Moves triangles until they meet in pairs. False if some are left.
-fn meet(faces: &mut Faces, at: &[DVec3]) -> bool {
-    let mut blocked = HashSet::new();
-    while let Some(path) = shortest_path(faces, &blocked) {
-        for (k, &edge) in path.iter().enumerate() {
-            let is_moved = match path.get(k + 1) {
-                None => join(faces, edge),
-                Some(next) => move_triangle(faces, at, edge, *next),
-            };
-            if !is_moved {
-                // Another path avoids this edge.
-                blocked.insert(edge);
-                break;
+impl Quads<'_> {
+    /// Moves triangles until they meet in pairs. False if some are left.
+    ///
+    /// They cross creases only if they can not meet otherwise: between its creases, a region has an odd number
+    /// of them if its border has an odd number of edges.
+    fn meet(&mut self, at: &mut Vec<DVec3>) -> bool {
+        for crosses_creases in [false, true] {
+            let mut blocked: HashSet<Edge> = HashSet::new();
+            if !crosses_creases {
+                blocked.extend(self.creases.curves.keys());
+            }
+            while let Some(mut path) = shortest_path(self.faces, &blocked) {
+                for k in 0..path.len() {
+                    let (edge, next) = (path[k], path.get(k + 1).copied());
+                    let is_moved = match next {
+                        _ if self.creases.has(edge) => self.cross_crease(at, edge, &mut path[k + 1..]),
+                        None => join(self.faces, edge),
+                        Some(next) => move_triangle(self.faces, at, edge, next),
+                    };
+                    if !is_moved {
+                        // Another path avoids this edge.
+                        blocked.insert(edge);
+                        break;
+                    }
+                }
             }
         }
+        !self.faces.has_triangles()
     }
-    !faces.has_triangles()
+
+    /// Moves a triangle across a crease: with one vertex less or one more on it, whichever makes numbers of
+    /// quads better.
+    fn cross_crease(&mut self, at: &mut Vec<DVec3>, edge: Edge, rest: &mut [Edge]) -> bool {
+        let Some(both) = self.faces.sides(edge) else { return false };
+        let fans = |v: u32| both.faces.map(|face| self.fan(v, face));
+        let ([first, second], [a, b]) = (both.faces, [edge.0, edge.1].map(fans));
+        // Of two faces that vanish, or one that becomes a triangle.
+        let lost = [2, if both.corners.len() == 4 { 2 } else { 1 }];
+        let merged: i64 = (0..2)
+            .map(|side| {
+                let (x, y) = (a[side], b[side]);
+                let (kept, other) = if matches!(y.kind, VertexKind::Corner(_)) { (y, x) } else { (x, y) };
+                kept.defect(other.quads as i64 - lost[side]) - x.defect(0) - y.defect(0)
+            })
+            .sum();
+        let apex = |v: u32, face: u32| self.fan(v, face).defect(-1) - self.fan(v, face).defect(0);
+        let mut less = merged + apex(both.corners[1], first);
+        let mut more = STRAIGHT_QUAD;
+        if both.corners.len() == 4 {
+            less += apex(both.corners[3], second);
+            more += STRAIGHT_QUAD;
+        }
+        if less <= more {
+            self.merge_across(at, edge, rest) || self.insert_across(at, edge, rest.first().copied())
+        } else {
+            self.insert_across(at, edge, rest.first().copied()) || self.merge_across(at, edge, rest)
+        }
+    }
+
+    /// Makes one vertex of the ends of a crease. The triangle at its left vanishes. Beyond it, another one
+    /// vanishes or a quad becomes a triangle.
+    fn merge_across(&mut self, at: &mut [DVec3], edge: Edge, rest: &mut [Edge]) -> bool {
+        let Some(both) = self.faces.sides(edge) else { return false };
+        let (a, b) = edge;
+        let [kept, gone] = if self.creases.allows_merge(self.faces, a, b) {
+            [a, b]
+        } else if self.creases.allows_merge(self.faces, b, a) {
+            [b, a]
+        } else {
+            return false;
+        };
+        let near = self.faces.neighbours(gone).to_vec();
+        let star: Vec<(u32, Face)> = self.faces.around(gone).collect();
+        let old: Vec<u32> = star.iter().map(|(number, _)| *number).collect();
+        let rest_of_star = star.iter().filter(|(number, _)| !both.faces.contains(number));
+        let mut new: Vec<Face> = rest_of_star.map(|(_, face)| face.renamed(gone, kept)).collect();
+        if let [_, _, _, d, e] = both.corners[..] {
+            new.push(Face::triangle([kept, d, e]));
+        }
+        if new.is_empty() || self.faces.replace(&old, &new).is_none() {
+            return false;
+        }
+        self.creases.merged(kept, gone, &near);
+        if matches!(self.creases.kind(kept), VertexKind::OnCurve(_)) {
+            at[kept as usize] = 0.5 * (at[a as usize] + at[b as usize]);
+        }
+        let renamed = |v: u32| if v == gone { kept } else { v };
+        rest.iter_mut().for_each(|(p, q)| (*p, *q) = (renamed(*p), renamed(*q)));
+        true
+    }
+
+    /// Puts a new vertex on a crease: the triangle at its left becomes a quad, and a quad beyond the crease
+    /// becomes a triangle at the next edge and a quad. Two triangles become two quads.
+    fn insert_across(&mut self, at: &mut Vec<DVec3>, edge: Edge, next: Option<Edge>) -> bool {
+        let Some(both) = self.faces.sides(edge) else { return false };
+        let (a, b) = edge;
+        let middle = self.faces.add_vertex();
+        at.resize(middle as usize + 1, DVec3::ZERO);
+        at[middle as usize] = 0.5 * (at[a as usize] + at[b as usize]);
+        let is_replaced = match (&both.corners[..], next) {
+            (&[_, c, _, d], None) => {
+                let quads = [Face::quad([a, middle, b, c]), Face::quad([b, middle, a, d])];
+                self.faces.replace(&both.faces, &quads).is_some()
+            }
+            (&[_, c, _, d, e], Some(next)) => {
+                let first = Face::quad([a, middle, b, c]);
+                pentagon_ways([b, middle, a, d, e], next, at).into_iter().flatten().any(|(triangle, quad)| {
+                    let new = [first, Face::triangle(triangle), Face::quad(quad)];
+                    self.faces.replace(&both.faces, &new).is_some()
+                })
+            }
+            _ => false,
+        };
+        if is_replaced {
+            self.creases.insert_vertex(edge, middle);
+        }
+        is_replaced
+    }
 }
 
 /// Divides the pentagon of a triangle and a quad at an edge into a triangle at the next edge, and a quad.
 fn move_triangle(faces: &mut Faces, at: &[DVec3], edge: Edge, next: Edge) -> bool {
     let Some(both) = faces.sides(edge) else { return false };
-    let corners = both.corners;
-    let Some(start) = corners.iter().position(|&v| v == next.0) else { return false };
-    if corners.len() != 5 || corners[(start + 1) % 5] != next.1 {
-        return false;
-    }
+    let Ok(corners) = <[u32; 5]>::try_from(&both.corners[..]) else { return false };
+    pentagon_ways(corners, next, at).into_iter().flatten().any(|(triangle, quad)| {
+        faces.replace(&both.faces, &[Face::triangle(triangle), Face::quad(quad)]).is_some()
+    })
+}
+
+/// Both divisions of a pentagon into a triangle at an edge and a quad, that with the better quad first. None if
+/// it has no such edge.
+fn pentagon_ways(corners: [u32; 5], edge: Edge, at: &[DVec3]) -> Option<[([u32; 3], [u32; 4]); 2]> {
+    let start = corners.iter().position(|&v| v == edge.0)?;
     let [p, q, r, s, t] = [0, 1, 2, 3, 4].map(|k| corners[(start + k) % 5]);
     let mut ways = [([p, q, r], [p, r, s, t]), ([p, q, t], [q, r, s, t])];
     if skew(&ways[1].1, at) < skew(&ways[0].1, at) {
         ways.swap(0, 1);
     }
-    ways.into_iter().any(|(triangle, quad)| {
-        faces.replace(&both.faces, &[Face::triangle(triangle), Face::quad(quad)]).is_some()
-    })
+    (q == edge.1).then_some(ways)
 }
 
 /// Edges across which the shortest path leads from one triangle to another.
@@ -143,73 +247,90 @@ fn shortest_path(faces: &Faces, blocked: &HashSet<Edge>) -> Option<Vec<Edge>> {
     None
 }
 
-/// Evens out the numbers of quads at vertices, until no change makes them better.
-pub(super) fn even_out(faces: &mut Faces, at: &mut [DVec3]) {
+/// Faces that change, with their creases.
+struct Quads<'a> {
+    faces: &'a mut Faces,
+    creases: &'a mut CreaseEdges,
+    targets: &'a FanTargets,
+}
+
+/// Evens out the numbers of quads at vertices and in fans between creases, until no change makes them better.
+pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &FanTargets, at: &mut [DVec3]) {
+    let mut own = Quads { faces, creases, targets };
     loop {
         let mut changes = 0;
         for v in 0..at.len() as u32 {
-            changes += usize::from(faces.valence(v) == 2 && remove_vertex(faces, v));
+            changes += usize::from(own.faces.valence(v) == 2 && own.remove_vertex(v));
         }
-        let quads: Vec<u32> = faces.all().map(|(number, _)| number).collect();
-        changes += quads.into_iter().filter(|&quad| collapse(faces, at, quad)).count();
-        changes += faces.edges().into_iter().filter(|&edge| turn(faces, at, edge)).count();
+        let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
+        changes += quads.into_iter().filter(|&quad| own.collapse(at, quad)).count();
+        changes += own.faces.edges().into_iter().filter(|&edge| own.turn(at, edge)).count();
         if changes == 0 {
             return;
         }
     }
 }
 
-fn defect(valence: usize) -> i64 {
-    if valence <= 2 { TWO_QUADS } else { (valence as i64 - 4).pow(2) }
-}
+impl Quads<'_> {
+    fn fan(&self, v: u32, face: u32) -> Fan {
+        Fan::new(self.faces, self.creases, self.targets, v, face)
+    }
 
-/// Makes one quad of the two around a vertex.
-fn remove_vertex(faces: &mut Faces, v: u32) -> bool {
-    let [a, b] = *faces.neighbours(v) else { return false };
-    let (Some((f, first)), Some((g, second))) = (faces.left_of(v, a), faces.left_of(v, b)) else {
-        return false;
-    };
-    let beyond = |face: Face| face.corners().iter().copied().find(|w| ![v, a, b].contains(w));
-    let (Some(c), Some(d)) = (beyond(first), beyond(second)) else { return false };
-    faces.replace(&[f, g], &[Face::quad([a, c, b, d])]).is_some()
-}
+    /// Makes one quad of the two around a vertex.
+    fn remove_vertex(&mut self, v: u32) -> bool {
+        let [a, b] = *self.faces.neighbours(v) else { return false };
+        let (Some((f, first)), Some((g, second))) = (self.faces.left_of(v, a), self.faces.left_of(v, b)) else {
+            return false;
+        };
+        let beyond = |face: Face| face.corners().iter().copied().find(|w| ![v, a, b].contains(w));
+        let (Some(c), Some(d)) = (beyond(first), beyond(second)) else { return false };
+        self.creases.is_free(v) && self.faces.replace(&[f, g], &[Face::quad([a, c, b, d])]).is_some()
+    }
 
-/// Merges opposite corners of a quad, if that makes valences better.
-fn collapse(faces: &mut Faces, at: &mut [DVec3], quad: u32) -> bool {
-    let Some(face) = faces.face(quad) else { return false };
-    let [a, b, c, d] = *face.corners() else { return false };
-    [[a, b, c, d], [b, c, d, a]].into_iter().any(|[kept, left, gone, right]| {
-        let [n, l, m, r] = [kept, left, gone, right].map(|v| faces.valence(v));
-        let now = defect(n) + defect(l) + defect(m) + defect(r);
-        let then = defect(n + m - 2) + defect(l - 1) + defect(r - 1);
-        if then >= now || faces.are_joined(kept, gone) || faces.common_neighbours(kept, gone).len() != 2 {
+    /// Merges opposite corners of a quad, if that makes valences better.
+    fn collapse(&mut self, at: &mut [DVec3], quad: u32) -> bool {
+        let Some(face) = self.faces.face(quad) else { return false };
+        let [a, b, c, d] = *face.corners() else { return false };
+        [[a, b, c, d], [b, c, d, a]].into_iter().any(|[a, left, b, right]| {
+            // A vertex on a crease is kept, and two can not become one.
+            let (kept, gone) = if self.creases.is_free(b) { (a, b) } else { (b, a) };
+            if !self.creases.is_free(gone) {
+                return false;
+            }
+            let [n, l, m, r] = [kept, left, gone, right].map(|v| self.fan(v, quad));
+            let now = n.defect(0) + l.defect(0) + m.defect(0) + r.defect(0);
+            let then = n.defect(m.quads as i64 - 2) + l.defect(-1) + r.defect(-1);
+            if then >= now
+                || self.faces.are_joined(kept, gone)
+                || self.faces.common_neighbours(kept, gone).len() != 2
+            {
+                return false;
+            }
+            let is_merged = self.faces.merge_into(kept, gone);
+            if is_merged && self.creases.is_free(kept) {
+                at[kept as usize] = 0.5 * (at[kept as usize] + at[gone as usize]);
+            }
+            is_merged
+        })
+    }
+
+    /// Turns the edge between two quads within their hexagon, if that makes valences better.
+    fn turn(&mut self, at: &[DVec3], edge: Edge) -> bool {
+        let Some(both) = self.faces.sides(edge).filter(|_| !self.creases.has(edge)) else { return false };
+        let hexagon = both.corners;
+        if both.faces[0] == both.faces[1] || hexagon.len() != 6 {
             return false;
         }
-        let is_merged = faces.merge_into(kept, gone);
-        if is_merged {
-            at[kept as usize] = 0.5 * (at[kept as usize] + at[gone as usize]);
-        }
-        is_merged
-    })
-}
-
-/// Turns the edge between two quads within their hexagon, if that makes valences better.
-fn turn(faces: &mut Faces, at: &[DVec3], edge: Edge) -> bool {
-    let Some(both) = faces.sides(edge) else { return false };
-    let hexagon = both.corners;
-    if both.faces[0] == both.faces[1] || hexagon.len() != 6 {
-        return false;
+        let fans: Vec<Fan> = (0..6).map(|k| self.fan(hexagon[k], both.faces[k / 4])).collect();
+        // The edge joins corners 0 and 3.
+        let gain = |start: usize| {
+            let changes = [(0, -1), (3, -1), (start, 1), (start + 3, 1)];
+            changes.iter().map(|&(k, change)| fans[k].defect(0) - fans[k].defect(change)).sum::<i64>()
+        };
+        let quads = |start: usize| [0, 3].map(|k| [0, 1, 2, 3].map(|j| hexagon[(start + k + j) % 6]));
+        let is_square = |&start: &usize| quads(start).iter().all(|quad| skew(quad, at) < MAX_SKEW_TURNED);
+        let best = [1, 2].into_iter().filter(is_square).max_by_key(|&start| gain(start));
+        let Some(start) = best.filter(|&start| gain(start) > 0) else { return false };
+        self.faces.replace(&both.faces, &quads(start).map(Face::quad)).is_some()
     }
-    let valence: Vec<usize> = hexagon.iter().map(|&v| faces.valence(v)).collect();
-    // The edge joins corners 0 and 3.
-    let gain = |start: usize| {
-        let [x, y] = [valence[start], valence[start + 3]];
-        let now = defect(valence[0]) + defect(valence[3]) + defect(x) + defect(y);
-        now - defect(valence[0] - 1) - defect(valence[3] - 1) - defect(x + 1) - defect(y + 1)
-    };
-    let quads = |start: usize| [0, 3].map(|k| [0, 1, 2, 3].map(|j| hexagon[(start + k + j) % 6]));
-    let is_square = |&start: &usize| quads(start).iter().all(|quad| skew(quad, at) < MAX_SKEW_TURNED);
-    let best = [1, 2].into_iter().filter(is_square).max_by_key(|&start| gain(start));
-    let Some(start) = best.filter(|&start| gain(start) > 0) else { return false };
-    faces.replace(&both.faces, &quads(start).map(Face::quad)).is_some()
 }

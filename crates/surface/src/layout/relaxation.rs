@@ -2,8 +2,10 @@
 //!
 //! Squares of any size are allowed, so quads may be large in one place and small in another. Quads that are
 //! turned over are pulled apart, because a square keeps the orientation of the mesh. Means of neighbours,
-//! as in Laplacian smoothing, would instead move all vertices of a bent tube to its inner side.
+//! as in Laplacian smoothing, would instead move all vertices of a bent tube to its inner side. Vertices on
+//! creases move along them, and others stay between them.
 
+use super::network::Place;
 use planish_core::DVec3;
 use planish_core::vector3::tangents;
 use planish_mesh::MeshSearch;
@@ -21,8 +23,8 @@ const MIN_SIZE: f64 = 0.5;
 /// Corners of a square.
 const SQUARE: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
 
-/// Moves the vertices of a closed domain along a mesh.
-pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &MeshSearch, rounds: usize) {
+/// Moves the vertices of a closed domain along a mesh, each within its place.
+pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, places: &[Place], rounds: usize) {
     let mut corners_of = vec![Vec::new(); positions.len()];
     for (q, quad) in domain.cells().iter().enumerate() {
         (0..4).for_each(|k| corners_of[quad[k] as usize].push((q, k)));
@@ -34,7 +36,7 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &Mesh
         quad.iter().for_each(|&v| normals[v as usize] += normal);
     }
     let mut on: Vec<(DVec3, DVec3)> =
-        positions.par_iter().zip(&normals).map(|(&p, &normal)| nearest(mesh, p, normal)).collect();
+        (0..positions.len()).into_par_iter().map(|v| within(&places[v], positions[v], normals[v])).collect();
     for _ in 0..rounds {
         let squares: Vec<[DVec3; 4]> =
             domain.cells().par_iter().map(|quad| square_near(quad.map(|v| on[v as usize]))).collect();
@@ -44,13 +46,26 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, mesh: &Mesh
                 let (at, normal) = on[v];
                 let own = &corners_of[v];
                 let mean = own.iter().map(|&(q, k)| squares[q][k]).sum::<DVec3>() / own.len() as f64;
+                if matches!(places[v], Place::Fixed) {
+                    return on[v];
+                }
                 // Without its part along the normal, the step stays near this side of a thin part.
                 let step = STEP * (mean - at);
-                nearest(mesh, at + step - step.dot(normal) * normal, normal)
+                within(&places[v], at + step - step.dot(normal) * normal, normal)
             })
             .collect();
     }
     *positions = on.into_iter().map(|(point, _)| point).collect();
+}
+
+/// The point of a place nearest to a position, with its normal. That of a crease has none: it would differ
+/// from those of the quads on both sides.
+fn within(place: &Place, position: DVec3, normal: DVec3) -> (DVec3, DVec3) {
+    match place {
+        Place::On(mesh) => nearest(mesh, position, normal),
+        Place::Along(curve) => (curve.nearest(position).0, DVec3::ZERO),
+        Place::Fixed => (position, DVec3::ZERO),
+    }
 }
 
 /// The point of a mesh nearest to a position, on triangles that face the side of a normal, with its own
@@ -64,7 +79,11 @@ fn nearest(mesh: &MeshSearch, position: DVec3, normal: DVec3) -> (DVec3, DVec3) 
 /// The corners of the square nearest to those of a quad, in the plane across their mean normal.
 fn square_near(corners: [(DVec3, DVec3); 4]) -> [DVec3; 4] {
     let middle = 0.25 * corners.iter().map(|(p, _)| *p).sum::<DVec3>();
-    let Some(normal) = corners.iter().map(|(_, n)| *n).sum::<DVec3>().try_normalize() else {
+    let sum = corners.iter().map(|(_, n)| *n).sum::<DVec3>();
+    // With all corners on creases, the normal is that of the quad.
+    let [a, b, c, d] = corners.map(|(p, _)| p);
+    let across = if sum == DVec3::ZERO { (c - a).cross(d - b) } else { sum };
+    let Some(normal) = across.try_normalize() else {
         return corners.map(|(p, _)| p);
     };
     let (e1, e2) = tangents(normal);

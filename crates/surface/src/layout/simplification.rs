@@ -1,7 +1,9 @@
 //! Coarser meshes of the same surface and topology.
 //!
-//! Edges are collapsed into one of their ends, the shortest first, so vertices stay where they are.
+//! Edges are collapsed into one of their ends, the shortest first, so vertices stay where they are. Creases
+//! keep their ends and their curves.
 
+use super::creases::CreaseEdges;
 use super::faces::{Face, Faces};
 use planish_core::DVec3;
 use planish_estimate::Result;
@@ -13,7 +15,12 @@ const PASSES: usize = 8;
 const MIN_COSINE: f64 = 0.3;
 
 /// A mesh without edges shorter than a length, where its topology and shape allow that.
-pub(super) fn simplified(mesh: &TriangleMesh, shortest: f64) -> Result<TriangleMesh> {
+pub(super) fn simplified(
+    mesh: &TriangleMesh,
+    creases: &CreaseEdges,
+    shortest: f64,
+) -> Result<(TriangleMesh, CreaseEdges)> {
+    let mut creases = creases.clone();
     let mut faces = Faces::new(&mesh.triangles, mesh.positions.len());
     let at = &mesh.positions;
     for _ in 0..PASSES {
@@ -21,17 +28,18 @@ pub(super) fn simplified(mesh: &TriangleMesh, shortest: f64) -> Result<TriangleM
         let mut short: Vec<(f64, (u32, u32))> = faces.edges().into_iter().map(|e| (length(e), e)).collect();
         short.retain(|(own, _)| *own < shortest);
         short.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let collapsed = |&&(_, (a, b)): &&(f64, (u32, u32))| collapse(&mut faces, at, a, b);
+        let collapsed = |&&(_, (a, b)): &&(f64, (u32, u32))| collapse(&mut faces, &mut creases, at, a, b);
         if short.iter().filter(collapsed).count() == 0 {
             break;
         }
     }
-    let (triangles, positions) = faces.numbered(at);
-    TriangleMesh::try_new(positions, triangles.into_iter().map(|[a, b, c, _]| [a, b, c]).collect())
+    let (triangles, positions, numbers) = faces.numbered(at);
+    let triangles = triangles.into_iter().map(|[a, b, c, _]| [a, b, c]).collect();
+    Ok((TriangleMesh::try_new(positions, triangles)?, creases.renumbered(&numbers)))
 }
 
 /// Moves the second vertex to the first, or the first to the second.
-fn collapse(faces: &mut Faces, at: &[DVec3], a: u32, b: u32) -> bool {
+fn collapse(faces: &mut Faces, creases: &mut CreaseEdges, at: &[DVec3], a: u32, b: u32) -> bool {
     faces.are_joined(a, b)
         && faces.common_neighbours(a, b).len() == 2
         && faces.valence(a) + faces.valence(b) > 7
@@ -42,7 +50,14 @@ fn collapse(faces: &mut Faces, at: &[DVec3], a: u32, b: u32) -> bool {
                 face.corners().contains(&kept)
                     || before.dot(after) >= MIN_COSINE * before.length() * after.length()
             };
-            faces.around(gone).all(|(_, face)| moved(face)) && faces.merge_into(kept, gone)
+            let near = if creases.is_free(gone) { Vec::new() } else { faces.neighbours(gone).to_vec() };
+            let is_merged = creases.allows_merge(faces, kept, gone)
+                && faces.around(gone).all(|(_, face)| moved(face))
+                && faces.merge_into(kept, gone);
+            if is_merged {
+                creases.merged(kept, gone, &near);
+            }
+            is_merged
         })
 }
 
@@ -59,7 +74,7 @@ mod tests {
     #[test]
     fn a_sphere_keeps_its_topology_and_shape() {
         let fine = icosphere(1.0, 5);
-        let coarse = simplified(&fine, 0.3).unwrap();
+        let (coarse, _) = simplified(&fine, &CreaseEdges::default(), 0.3).unwrap();
         let check = coarse.check();
         assert!(check.watertight && check.manifold && check.euler_characteristic == 2, "{check:?}");
         assert!(coarse.positions.len() < fine.positions.len() / 8);
