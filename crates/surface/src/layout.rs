@@ -50,8 +50,8 @@ use creases::CreaseEdges;
 use decimation::Decimation;
 use faces::{renumbered, renumbered_with_numbers};
 use field::DirectionField;
-use network::{CreaseNetwork, Place};
 pub use network::CreasedMesh;
+use network::{CreaseNetwork, Place};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -117,7 +117,7 @@ impl LayoutMesh {
     /// # Errors
     /// `Input` for meshes with borders or of other than manifold topology.
     pub fn new(mesh: TriangleMesh, most: usize) -> Result<Self> {
-        Self::with_creases(CreasedMesh { mesh, creases: Vec::new(), corners: Vec::new() }, most)
+        Self::with_creases(CreasedMesh::smooth(mesh), most)
     }
 
     /// Prepares a mesh for layouts of `most` quads or fewer, the creases of which are those of the mesh.
@@ -158,7 +158,11 @@ impl LayoutMesh {
             let chosen = (0..mesh.triangles.len()).filter(|&index| numbers[index] == number);
             let (triangles, positions, numbers) =
                 renumbered_with_numbers(chosen.map(|index| mesh.triangles[index]), &mesh.positions);
-            Part::new(TriangleMesh::try_new(positions, triangles)?, network.edges.renumbered(&numbers), finest)
+            Part::new(
+                TriangleMesh::try_new(positions, triangles)?,
+                network.edges.renumbered(&numbers),
+                finest,
+            )
         };
         let parts = (0..check.components as u32).map(part).collect::<Result<_>>()?;
         Ok(Self { parts, area, most, search: MeshSearch::try_new(mesh)?, network, mesh: creased.mesh })
@@ -300,6 +304,11 @@ impl Part {
         relaxation::relax(&domain, &mut positions, &places, relaxation::ROUNDS);
         Ok(Layout { domain, positions })
     }
+}
+
+/// The mesh without edges shorter than a length, where its topology and shape allow that.
+pub(crate) fn without_short_edges(mesh: &TriangleMesh, shortest: f64) -> Result<TriangleMesh> {
+    Ok(simplified(mesh, &CreaseEdges::default(), shortest)?.0)
 }
 
 /// The mesh with its long edges halved until all are short.

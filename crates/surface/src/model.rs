@@ -3,6 +3,7 @@
 //! Prior and data information are kept apart, so that a later session adds its data and counts the prior
 //! once.
 
+mod creases;
 mod knowledge;
 mod point_sigmas;
 mod posterior;
@@ -11,6 +12,7 @@ mod reports;
 mod support;
 mod topology;
 
+pub use creases::CreaseSummary;
 pub use knowledge::{Knowledge, VertexInformation};
 pub(crate) use point_sigmas::order_by_leaf;
 pub use point_sigmas::sigmas_along;

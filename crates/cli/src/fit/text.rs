@@ -67,6 +67,15 @@ fn facts(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
             significant(fit.held_out.rms_normalised, 3)
         ),
     };
+    // An empty text omits the line: most surfaces are smooth.
+    let edges = fit.creases.map_or(String::new(), |edges| {
+        format!(
+            "length {}; σ of their position median {}, largest {}",
+            length(edges.length),
+            length(edges.sigma_median),
+            length(edges.sigma_max)
+        )
+    });
     let sigma = format!(
         "median {}, 95 % below {}, largest {}",
         length(fit.sigma.median),
@@ -80,6 +89,7 @@ fn facts(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
         ("residuals", residuals),
         ("held out", held_out),
         ("σ of the surface", sigma),
+        ("sharp edges", edges),
         ("measured", format!("{} of the area", percent(fit.observed_area_fraction))),
         ("subdivided", subdivided(fit)),
         ("termination", termination(fit).to_owned()),

@@ -41,8 +41,8 @@ use super::verdict::{Verdict, VerdictInput, judge_surface, refuse_far_larger_noi
 use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
-    Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, Support, SurfaceModel,
-    SurfaceTopology, VertexInformation,
+    CreaseSummary, Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, Support,
+    SurfaceModel, SurfaceTopology, VertexInformation,
 };
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
 use crate::subdivision::RefinementLog;
@@ -312,8 +312,8 @@ impl Finishing<'_> {
             ));
         }
         // A user reads this σ as that of the real surface, so it includes the unresolved shape.
-        let sigma =
-            Posterior::new(&model.surface, Arc::clone(covariance)).of_model(model).sigma_summary(observed)?;
+        let posterior = Posterior::new(&model.surface, Arc::clone(covariance)).of_model(model);
+        let (sigma, creases) = (posterior.sigma_summary(observed)?, CreaseSummary::of(&posterior)?);
         let totals = self.totals();
         // Degrees of freedom that all readings determine: those at hand, and further batches in proportion.
         let determined = fit.determined * totals.rows / totals.own_rows.max(1) as f64;
@@ -358,6 +358,7 @@ impl Finishing<'_> {
             sensors,
             poses,
             sigma,
+            creases,
             unresolved_shape: unresolved,
             misfit: fit.misfit.clone(),
             observed_area_fraction,

@@ -6,12 +6,14 @@
 //! Not guaranteed: that the surface is within the noise of its readings; [`super::refine`] iterates until it
 //! is.
 
+use super::creases::{may_have_creases, with_creases};
 use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use super::options::{FitOptions, Handles};
 use super::over_quads::{enclosing_mesh, surface_over_quads};
+use crate::layout::CreasedMesh;
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, ErrorKind, Progress};
 use planish_estimate::{Error, Result};
@@ -63,28 +65,40 @@ pub(super) fn first_surface(
     let size = sample.count;
     let sample = sample.readings;
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
-    let over_quads = |mesh: TriangleMesh| surface_over_quads(mesh, size, options.max_coefficients, progress);
+    let sigma = typical_sigma(observations, &sample);
+    let creased = |mesh: TriangleMesh| with_creases(mesh, &points, &normals, sigma);
+    let over_quads = |mesh: CreasedMesh| surface_over_quads(mesh, size, options.max_coefficients, progress);
     if let Some(handles @ Handles::Exactly(_)) = options.handles() {
         progress.check("topology", 0.02)?;
-        return over_quads(enclosing_mesh(&points, &normals, handles)?);
+        let mesh = enclosing_mesh(&points, &normals, handles)?;
+        return match if_determined(over_quads(creased(mesh.clone())?))? {
+            Some(surface) => Ok(surface),
+            None => over_quads(CreasedMesh::smooth(mesh)),
+        };
     }
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
     let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals);
-    let mut enclosing = None;
-    if is_grown
-        && size >= MIN_FOR_HANDLES
-        && let Some(handles) = options.handles()
+    // Splines over a ball are smooth, and cannot follow sharp edges.
+    let may_lie_over_quads = base.shape == Shape::Ball && size >= MIN_FOR_HANDLES;
+    if let Some(handles) = options.handles().filter(|_| may_lie_over_quads)
+        && (is_grown || may_have_creases(&points, &normals, sigma)?)
     {
         progress.check("topology", 0.04)?;
-        enclosing = if_determined(enclosing_mesh(&points, &normals, handles))?;
-    }
-    if let Some(mesh) = enclosing
-        && let Some(surface) = if_determined(over_quads(mesh))?
-    {
-        return Ok(surface);
+        if let Some(mesh) = if_determined(enclosing_mesh(&points, &normals, handles))? {
+            let creased = creased(mesh.clone())?;
+            let is_sharp = !creased.creases.is_empty();
+            // Creases that are nearer to each other than a quad's side may leave no room for quads.
+            for mesh in [is_sharp.then_some(creased), is_grown.then(|| CreasedMesh::smooth(mesh))] {
+                if let Some(mesh) = mesh
+                    && let Some(surface) = if_determined(over_quads(mesh))?
+                {
+                    return Ok(surface);
+                }
+            }
+        }
     }
     if is_grown {
         let indicator = Indicator::new(&points, &normals);
@@ -92,7 +106,7 @@ pub(super) fn first_surface(
         // The area of a sphere with the mean squared half axis: rough, but a level changes the number of
         // leaves by a factor of four.
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
-        let min_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
+        let min_area = (MIN_LEAF_SIGMAS * sigma).powi(2);
         let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {

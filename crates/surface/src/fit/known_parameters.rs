@@ -430,6 +430,7 @@ impl Solved {
             sensors: model.sensors.clone(),
             poses: model.poses.clone(),
             sigma,
+            creases: None,
             observed_area_fraction: observed_share,
             // Unresolved shape is a finding here, because it is known for the grid as a whole only.
             unresolved_shape: None,

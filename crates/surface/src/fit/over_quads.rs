@@ -11,7 +11,7 @@
 use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
 use super::leaves::{is_piece, leaf_areas};
 use super::options::Handles;
-use crate::layout::{Layout, LayoutMesh, mesh_of};
+use crate::layout::{CreasedMesh, Layout, LayoutMesh, mesh_of};
 use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_mesh::{MeshSearch, TriangleMesh, isosurface};
@@ -20,7 +20,7 @@ use planish_spline::{
     FootPointSearch, Hierarchy, ProjectionOptions, Surface, TessellationOptions, tessellate,
 };
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 
 /// Most grid cells along each side. A complex grid then takes 113 MB.
@@ -59,7 +59,7 @@ const TIP_SHARE: f64 = 0.5;
 const INTERPOLATION_STEPS: usize = 20;
 
 /// A surface over quads on a closed mesh that is drawn from a sample of `readings` points, with about half of
-/// `max_coefficients` vertices at most.
+/// `max_coefficients` vertices at most. Creases of the mesh are creases of the surface.
 ///
 /// Layouts have more and more quads, until a surface is near the mesh and does not pass through itself. The
 /// best of all is taken if none is.
@@ -67,14 +67,14 @@ const INTERPOLATION_STEPS: usize = 20;
 /// # Errors
 /// As for [`LayoutMesh::layout`]; that of an interrupted `progress`.
 pub(super) fn surface_over_quads(
-    mesh: TriangleMesh,
+    mesh: CreasedMesh,
     readings: usize,
     max_coefficients: usize,
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
     // Each quad is divided into four.
-    let meshed = LayoutMesh::new(mesh, (cells / 4).max(FEWEST_QUADS))?;
+    let meshed = LayoutMesh::with_creases(mesh, (cells / 4).max(FEWEST_QUADS))?;
     // Where cells are divided, the finest ones are a part of all.
     let finest = (readings / READINGS_PER_QUAD).min(meshed.mesh().positions.len());
     let mut best: Option<(f64, Surface)> = None;
@@ -205,8 +205,10 @@ impl<'a> Draft<'a> {
                     .then(|| (layout.domain.cells()[quad][corner], off, position))
             })
             .collect();
+        // The creases of the mesh are where they should be.
+        let on_creases: HashSet<u32> = layout.domain.creases().iter().flatten().copied().collect();
         let mut farthest: BTreeMap<u32, (f64, DVec3)> = BTreeMap::new();
-        for (vertex, off, position) in missed {
+        for (vertex, off, position) in missed.into_iter().filter(|(v, ..)| !on_creases.contains(v)) {
             let own = farthest.entry(vertex).or_insert((off, position));
             if off > own.0 {
                 *own = (off, position);

@@ -5,7 +5,7 @@ use super::surface_misfit::UnresolvedPlace;
 use super::unresolved_shape::UnresolvedShape;
 use super::verdict::FitVerdict;
 use super::{Filter, PropagationReport};
-use crate::model::{ScanPoseReport, SensorReport, SigmaSummary, SurfaceTopology};
+use crate::model::{CreaseSummary, ScanPoseReport, SensorReport, SigmaSummary, SurfaceTopology};
 use crate::observe::RejectionCause;
 use crate::subdivision::LevelRefinement;
 use planish_core::finding::{Finding, with_warnings};
@@ -65,6 +65,9 @@ pub struct FitReport {
     pub poses: Vec<ScanPoseReport>,
     /// σ of the surface along its normal.
     pub sigma: SigmaSummary,
+    /// Sharp edges; none if the surface has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub creases: Option<CreaseSummary>,
     /// Shape smaller than the cells, as the readings show it; it is included in σ. None if they show none.
     #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
     pub unresolved_shape: Option<UnresolvedShape>,

@@ -24,6 +24,14 @@ pub struct CreasedMesh {
     pub corners: Vec<u32>,
 }
 
+impl CreasedMesh {
+    /// A mesh without creases.
+    #[must_use]
+    pub fn smooth(mesh: TriangleMesh) -> Self {
+        Self { mesh, creases: Vec::new(), corners: Vec::new() }
+    }
+}
+
 /// Two of three creases at a vertex are one curve if they turn by less than this angle.
 const MAX_TURN: f64 = PI / 6.0;
 /// Faces of a region that are tested to find the region of the mesh on which it lies.
@@ -43,7 +51,8 @@ impl Curve {
         let mut best = (f64::INFINITY, self.points[0], DVec3::X);
         for pair in self.points.windows(2) {
             let way = pair[1] - pair[0];
-            let share = ((p - pair[0]).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            let share =
+                ((p - pair[0]).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
             let on = pair[0] + share * way;
             let squared = p.distance_squared(on);
             if squared < best.0 {
@@ -95,7 +104,9 @@ impl CreaseNetwork {
         let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for &[a, b] in &creased.creases {
             if !left.contains_key(&(a, b)) {
-                return Err(Error::input(format!("the crease from vertex {a} to {b} is no edge of the mesh")));
+                return Err(Error::input(format!(
+                    "the crease from vertex {a} to {b} is no edge of the mesh"
+                )));
             }
             around.entry(a).or_default().push(b);
             around.entry(b).or_default().push(a);
@@ -109,7 +120,8 @@ impl CreaseNetwork {
         }
         let mut own = Self::default();
         own.edges.kinds = vec![VertexKind::Free; mesh.positions.len()];
-        let mut corners: Vec<u32> = around.iter().filter(|(_, near)| near.len() != 2).map(|(v, _)| *v).collect();
+        let mut corners: Vec<u32> =
+            around.iter().filter(|(_, near)| near.len() != 2).map(|(v, _)| *v).collect();
         corners.extend(creased.corners.iter().filter(|v| around[v].len() == 2));
         corners.sort_unstable();
         corners.dedup();
@@ -163,7 +175,9 @@ impl CreaseNetwork {
         for pair in chain.windows(2) {
             self.edges.set((pair[0], pair[1]), number);
         }
-        for &v in chain.iter().filter(|&&v| self.edges.kinds[v as usize] == VertexKind::Free).collect::<Vec<_>>() {
+        for &v in
+            chain.iter().filter(|&&v| self.edges.kinds[v as usize] == VertexKind::Free).collect::<Vec<_>>()
+        {
             self.edges.kinds[v as usize] = VertexKind::OnCurve(number);
         }
         self.curves.push(Curve { points: chain.iter().map(|&v| mesh.positions[v as usize]).collect() });
@@ -234,9 +248,9 @@ impl CreaseNetwork {
     ) -> Result<QuadDomain> {
         let is_marked = |v: u32, corner: u32| {
             let near = faces.neighbours(v).iter().filter(|&&w| creases.has((v, w)));
-            let fans = near.filter_map(|&w| faces.left_of(v, w)).map(|(face, _)| {
-                Fan::new(faces, creases, &self.targets, v, face).quads
-            });
+            let fans = near
+                .filter_map(|&w| faces.left_of(v, w))
+                .map(|(face, _)| Fan::new(faces, creases, &self.targets, v, face).quads);
             // With as many quads on both sides of two creases, the curve has to pass.
             let fans: Vec<usize> = fans.collect();
             self.ends_curves[corner as usize] && !matches!(fans[..], [a, b] if a == b && a > 1)
@@ -294,7 +308,11 @@ impl CreaseNetwork {
                 for pair in chain.windows(2) {
                     edges.set((pair[0], pair[1]), curve);
                 }
-                for &v in chain.iter().filter(|&&v| !matches!(edges.kinds[v as usize], VertexKind::Corner(_))).collect::<Vec<_>>() {
+                for &v in chain
+                    .iter()
+                    .filter(|&&v| !matches!(edges.kinds[v as usize], VertexKind::Corner(_)))
+                    .collect::<Vec<_>>()
+                {
                     edges.kinds[v as usize] = VertexKind::OnCurve(curve);
                 }
             }
@@ -315,7 +333,12 @@ impl CreaseNetwork {
     }
 
     /// The creases of a divided layout. Corners are put back to their places.
-    pub(super) fn divided(&self, layout: &Layout, division: &Division, positions: &mut [DVec3]) -> CreaseEdges {
+    pub(super) fn divided(
+        &self,
+        layout: &Layout,
+        division: &Division,
+        positions: &mut [DVec3],
+    ) -> CreaseEdges {
         let coarse = self.edges_of(layout);
         let mut fine = CreaseEdges::default();
         if coarse.is_empty() {
@@ -399,7 +422,10 @@ impl CreaseNetwork {
             for face in own.iter().step_by(own.len().div_ceil(TESTED_FACES).max(1)) {
                 *votes.entry(region_near(face)).or_default() += 1;
             }
-            votes.into_iter().max_by_key(|(region, count)| (*count, u32::MAX - region)).map_or(0, |best| best.0)
+            votes
+                .into_iter()
+                .max_by_key(|(region, count)| (*count, u32::MAX - region))
+                .map_or(0, |best| best.0)
         });
         found.map(|region| region as usize).collect()
     }
@@ -421,7 +447,8 @@ fn targets_of(fans: &[(u32, f64)]) -> HashMap<u32, usize> {
         let rounded = (angle / FRAC_PI_2).round() as usize;
         if angle > PI { rounded.max(3) } else { rounded.clamp(1, 2) }
     };
-    let mut targets: Vec<(u32, f64, usize)> = fans.iter().map(|&(curve, angle)| (curve, angle, target(angle))).collect();
+    let mut targets: Vec<(u32, f64, usize)> =
+        fans.iter().map(|&(curve, angle)| (curve, angle, target(angle))).collect();
     // Of two fans, the one with fewer quads has less than 180°.
     if let [first, second] = &mut targets[..]
         && first.2 == second.2

@@ -279,7 +279,8 @@ impl Quads<'_> {
     /// Makes one quad of the two around a vertex.
     fn remove_vertex(&mut self, v: u32) -> bool {
         let [a, b] = *self.faces.neighbours(v) else { return false };
-        let (Some((f, first)), Some((g, second))) = (self.faces.left_of(v, a), self.faces.left_of(v, b)) else {
+        let (Some((f, first)), Some((g, second))) = (self.faces.left_of(v, a), self.faces.left_of(v, b))
+        else {
             return false;
         };
         let beyond = |face: Face| face.corners().iter().copied().find(|w| ![v, a, b].contains(w));
