@@ -56,6 +56,17 @@ pub struct Layout {
     pub positions: Vec<DVec3>,
 }
 
+/// A closed mesh of which some edges are creases: the surface is continuous there, and its normal may jump.
+#[derive(Debug, Clone)]
+pub struct CreasedMesh {
+    /// The mesh.
+    pub mesh: TriangleMesh,
+    /// Pairs of vertices that are joined by an edge on a crease.
+    pub creases: Vec<[u32; 2]>,
+    /// Vertices where a crease turns sharply, besides those where it ends or where three or more meet.
+    pub corners: Vec<u32>,
+}
+
 /// Edges of the mesh on which squares are found, in units of their side.
 const SHORTEST_EDGE: f64 = 0.25;
 const LONGEST_EDGE: f64 = 0.5;
@@ -224,6 +235,11 @@ impl Part {
         relaxation::relax(&domain, &mut positions, search, relaxation::ROUNDS);
         Ok(Layout { domain, positions })
     }
+}
+
+/// The mesh without edges shorter than a length, where its topology and shape allow that.
+pub(crate) fn without_short_edges(mesh: &TriangleMesh, shortest: f64) -> Result<TriangleMesh> {
+    simplified(mesh, shortest)
 }
 
 /// The mesh with its long edges halved until all are short.
