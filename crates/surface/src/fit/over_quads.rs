@@ -73,6 +73,14 @@ pub(super) fn surface_over_quads(
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
+    if let Ok(d) = std::env::var("DUMP") {
+        dbg_dump(
+            &format!("{d}/mesh.obj"),
+            &mesh.mesh.positions,
+            &mesh.mesh.triangles.iter().map(|t| t.to_vec()).collect::<Vec<_>>(),
+            &mesh.creases,
+        );
+    } //DBG
     // Each quad is divided into four.
     let meshed = LayoutMesh::with_creases(mesh, (cells / 4).max(FEWEST_QUADS))?;
     // Where cells are divided, the finest ones are a part of all.
@@ -85,6 +93,27 @@ pub(super) fn surface_over_quads(
         let mut more = quads;
         match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface()) {
             Ok(surface) => {
+                if let Ok(d) = std::env::var("DUMP") {
+                    let l = Draft::new(&meshed, quads, finest)?;
+                    let l = &l.layouts[0];
+                    dbg_dump(
+                        &format!("{d}/layout{quads}.obj"),
+                        &l.positions,
+                        &l.domain.cells().iter().map(|t| t.to_vec()).collect::<Vec<_>>(),
+                        l.domain.creases(),
+                    );
+                    let t = tessellate(
+                        &surface,
+                        &TessellationOptions { tolerance: 0.05, max_divisions: MAX_DIVISIONS },
+                    )?;
+                    dbg_dump(
+                        &format!("{d}/surface{quads}.obj"),
+                        &t.positions,
+                        &t.triangles.iter().map(|t| t.to_vec()).collect::<Vec<_>>(),
+                        &[],
+                    );
+                    eprintln!("quads {quads} defect {}", defect(&surface, &meshed)?);
+                } //DBG
                 let defect = defect(&surface, &meshed)?;
                 // A few more quads do not part what passes through itself.
                 more = if defect > 1.0 { quads } else { quads / 2 };
@@ -110,6 +139,24 @@ pub(super) fn surface_over_quads(
     divided_at_vertices(surface, readings)
 }
 
+fn dbg_dump(p: &str, v: &[DVec3], f: &[Vec<u32>], c: &[[u32; 2]]) {
+    use std::fmt::Write;
+    let mut o = String::new();
+    for p in v {
+        writeln!(o, "v {} {} {}", p.x, p.y, p.z).unwrap();
+    }
+    for f in f {
+        write!(o, "f").unwrap();
+        for k in f {
+            write!(o, " {}", k + 1).unwrap();
+        }
+        writeln!(o).unwrap();
+    }
+    for [a, b] in c {
+        writeln!(o, "l {} {}", a + 1, b + 1).unwrap();
+    }
+    std::fs::write(p, o).unwrap();
+} //DBG
 /// Share of the vertices of a mesh that are not near a surface, with `FAR` more if one is far from it, or it
 /// from the mesh, and 1 more if it passes through itself.
 fn defect(surface: &Surface, meshed: &LayoutMesh) -> Result<f64> {

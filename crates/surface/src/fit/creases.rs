@@ -1,0 +1,106 @@
+//! Sharp edges of a closed surface, from oriented readings.
+//!
+//! Input: the level-set mesh of the readings, which is rounded at edges, and positions, normals and σ of a
+//! sample of the readings. Output: a mesh of the same topology on which sharp edges are chains of edges.
+//!
+//! | module | purpose |
+//! |---|---|
+//! | patch | quadratic patches, and where they meet |
+//! | sides | a patch of one side around each reading |
+//! | crossings | edges of the mesh between two sides, and the points of creases on them |
+//! | sharpened | a mesh whose edges run along creases |
+//! | chains | short creases and corners |
+//!
+//! Edges of less than 18°, and round ones with a radius above about two spacings, are no creases.
+//!
+//! Not guaranteed: edges of walls thinner than about three spacings, and edges closer than that to others. A
+//! crease may end early where its angle fades.
+//!
+//! # References
+//! Öztireli, Guennebaud, Gross, *Feature preserving point set surfaces based on non-linear kernel
+//! regression*, Eurographics 2009; Kobbelt, Botsch, Schwanecke, Seidel, *Feature sensitive surface extraction from volume
+//! data*, SIGGRAPH 2001.
+
+mod chains;
+mod crossings;
+mod patch;
+mod sharpened;
+mod sides;
+#[cfg(test)]
+mod tests;
+
+use crate::layout::{CreasedMesh, without_short_edges};
+use crossings::{crossings, sides_of_vertices};
+use patch::Patch;
+use planish_core::DVec3;
+use planish_estimate::Result;
+use planish_mesh::{MeshCheck, TriangleMesh};
+use sharpened::SharpMesh;
+use sides::Cloud;
+
+/// Edges of the mesh on which creases are found, at least, in spacings. Longer ones miss thin parts; shorter
+/// ones take longer, and several cross a crease between two readings.
+const SHORTEST_EDGE: f64 = 0.6;
+/// Edges of the mesh, at least, in σ.
+const MIN_EDGE_SIGMAS: f64 = 4.0;
+/// Readings near which the surface is not smooth, at least. A crease of ten spacings has more beside it.
+const MIN_ROUGH: usize = 40;
+/// Faces turned over, at most, as a share of the edges on creases.
+const MAX_TURNED_OVER: f64 = 0.05;
+
+/// A mesh on which the sharp edges that readings show are chains of edges. The given mesh if there are none.
+///
+/// Cost for 20,000 readings on two cores: about 0.2 s without sharp edges, 1 s with them.
+///
+/// # Errors
+/// `Undetermined` if the points cannot be searched.
+pub(super) fn with_creases(
+    mesh: TriangleMesh,
+    points: &[DVec3],
+    normals: &[DVec3],
+    sigma: f64,
+) -> Result<CreasedMesh> {
+    let smooth = |mesh| Ok(CreasedMesh::smooth(mesh));
+    let mut cloud = Cloud::new(points, normals, sigma)?;
+    let sides = cloud.sides();
+    if sides.iter().flatten().filter(|side| !side.is_smooth).count() < MIN_ROUGH {
+        return smooth(mesh);
+    }
+    // Noise would turn shorter edges of a crease around.
+    let unit = cloud.spacing.max(MIN_EDGE_SIGMAS / SHORTEST_EDGE * cloud.scales.height);
+    let coarse = without_short_edges(&mesh, SHORTEST_EDGE * unit)?;
+    let own = sides_of_vertices(&cloud, &sides, &coarse);
+    let found = crossings(&cloud, &sides, &coarse, &own);
+    if found.is_empty() {
+        return smooth(mesh);
+    }
+    let patches = sides.iter().map(|side| side.map_or_else(Patch::default, |side| side.patch)).collect();
+    let mut sharp = SharpMesh::new(&coarse, &own, patches, &found, unit);
+    sharp.improve();
+    let turned_over = sharp.turned_over();
+    let made = chains::tidy(sharp.into_mesh()?, cloud.spacing);
+    let is_sound = has_topology_of(&made.mesh.check(), &mesh.check())
+        && turned_over as f64 <= MAX_TURNED_OVER * made.creases.len() as f64;
+    if made.creases.is_empty() || !is_sound {
+        return smooth(mesh);
+    }
+    Ok(made)
+}
+
+/// True if the surface is not smooth near readings: it may have sharp edges.
+///
+/// # Errors
+/// As for [`with_creases`].
+pub(super) fn may_have_creases(points: &[DVec3], normals: &[DVec3], sigma: f64) -> Result<bool> {
+    let sides = Cloud::new(points, normals, sigma)?.sides();
+    Ok(sides.iter().flatten().filter(|side| !side.is_smooth).count() >= MIN_ROUGH)
+}
+
+/// True for closed manifolds of the same components and handles.
+fn has_topology_of(made: &MeshCheck, given: &MeshCheck) -> bool {
+    made.watertight
+        && made.manifold
+        && made.oriented
+        && made.components == given.components
+        && made.euler_characteristic == given.euler_characteristic
+}
