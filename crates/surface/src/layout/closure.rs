@@ -22,7 +22,7 @@ const EDGE_COST: f64 = 0.05;
 const LONG_COST: f64 = 3.0;
 /// Largest cost of a way: about three squares. Over longer ways, whole rows of squares would be squeezed, and
 /// a row that ends costs two extraordinary vertices instead.
-const MAX_COST: f64 = 20.0;
+fn max_cost() -> f64 { std::env::var("MC").map_or(20.0, |s| s.parse().unwrap()) }
 /// Missing steps of a triangle that are moved away, at most.
 const MAX_MISSING: usize = 6;
 
@@ -122,7 +122,7 @@ impl<'a> Steps<'a> {
         while let Some((Reverse(bits), state)) = open.pop() {
             // Costs are not negative, so their bits have the same order.
             let cost = f64::from_bits(bits);
-            if cost > MAX_COST {
+            if cost > max_cost() {
                 return false;
             }
             if best[&state].0 < cost {

@@ -73,7 +73,7 @@ impl Quads<'_> {
         for crosses_creases in [false, true] {
             let mut blocked: HashSet<Edge> = HashSet::new();
             if !crosses_creases {
-                blocked.extend(self.creases.curves.keys());
+                blocked.extend(self.creases.sides.keys());
             }
             while let Some(mut path) = shortest_path(self.faces, &blocked) {
                 for k in 0..path.len() {
@@ -255,7 +255,7 @@ struct Quads<'a> {
 }
 
 /// Evens out the numbers of quads at vertices and in fans between creases, until no change makes them better.
-pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &FanTargets, at: &mut [DVec3]) {
+pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &FanTargets, at: &mut Vec<DVec3>) {
     let mut own = Quads { faces, creases, targets };
     loop {
         let mut changes = 0;
@@ -265,6 +265,10 @@ pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &F
         let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
         changes += quads.into_iter().filter(|&quad| own.collapse(at, quad)).count();
         changes += own.faces.edges().into_iter().filter(|&edge| own.turn(at, edge)).count();
+        if !own.creases.is_empty() {
+            let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
+            changes += quads.into_iter().filter(|&quad| own.surround(at, quad)).count();
+        }
         if changes == 0 {
             return;
         }
@@ -312,6 +316,34 @@ impl Quads<'_> {
             }
             is_merged
         })
+    }
+
+    /// Makes five quads of one, with a smaller one in its middle, if that makes valences better. It divides
+    /// straight corners of quads on creases.
+    fn surround(&mut self, at: &mut Vec<DVec3>, quad: u32) -> bool {
+        let Some(face) = self.faces.face(quad) else { return false };
+        let [a, b, c, d] = *face.corners() else { return false };
+        let outer = [a, b, c, d];
+        let gain: i64 = (outer.iter().map(|&v| self.fan(v, quad)))
+            .map(|fan| fan.defect(0) - fan.defect(1))
+            .sum();
+        // The four new vertices have three quads.
+        if gain <= 4 {
+            return false;
+        }
+        let middle = outer.iter().map(|&v| at[v as usize]).sum::<DVec3>() / 4.0;
+        let inner = outer.map(|v| {
+            let new = self.faces.add_vertex();
+            at.resize(new as usize + 1, DVec3::ZERO);
+            at[new as usize] = 0.5 * (at[v as usize] + middle);
+            new
+        });
+        let mut quads = vec![Face::quad(inner)];
+        quads.extend((0..4).map(|k| {
+            let next = (k + 1) % 4;
+            Face::quad([outer[k], outer[next], inner[next], inner[k]])
+        }));
+        self.faces.replace(&[quad], &quads).is_some()
     }
 
     /// Turns the edge between two quads within their hexagon, if that makes valences better.
