@@ -10,17 +10,19 @@
 //! Tarini, Pietroni, Cignoni, Panozzo, Puppo, *Practical quad mesh simplification*, Computer Graphics Forum
 //! 29, 2010: the local changes.
 
-use super::creases::{CreaseEdges, Fan, FanTargets, STRAIGHT_QUAD, VertexKind};
+use super::creases::{CreaseEdges, CurveSide, Fan, FanTargets, STRAIGHT_QUAD, VertexKind};
 use super::decimation::Decimation;
 use super::faces::{Face, Faces};
 use planish_core::DVec3;
-use std::collections::{HashMap, HashSet, VecDeque};
-use std::f64::consts::FRAC_PI_2;
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Largest deviation of a corner of a quad from a right angle.
 const MAX_SKEW: f64 = 1.2;
 /// The same for quads beside a turned edge.
 const MAX_SKEW_TURNED: f64 = 1.5;
+/// Smallest angle at which a corner of a quad on a smooth crease is straight.
+const MIN_STRAIGHT: f64 = 5.0 / 6.0 * PI;
 
 type Edge = (u32, u32);
 /// For each face, the triangle from which it was reached, and the face and edge before it.
@@ -255,27 +257,107 @@ struct Quads<'a> {
 }
 
 /// Evens out the numbers of quads at vertices and in fans between creases, until no change makes them better.
-pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &FanTargets, at: &mut Vec<DVec3>) {
+pub(super) fn even_out(
+    faces: &mut Faces,
+    creases: &mut CreaseEdges,
+    targets: &FanTargets,
+    at: &mut Vec<DVec3>,
+) {
     let mut own = Quads { faces, creases, targets };
-    loop {
-        let mut changes = 0;
-        for v in 0..at.len() as u32 {
-            changes += usize::from(own.faces.valence(v) == 2 && own.remove_vertex(v));
-        }
-        let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
-        changes += quads.into_iter().filter(|&quad| own.collapse(at, quad)).count();
-        changes += own.faces.edges().into_iter().filter(|&edge| own.turn(at, edge)).count();
-        if !own.creases.is_empty() {
-            let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
-            changes += quads.into_iter().filter(|&quad| own.surround(at, quad)).count();
-        }
-        if changes == 0 {
-            return;
-        }
+    own.change_while_better(at);
+    if own.creases.is_empty() {
+        return;
+    }
+    if own.add_rings(at) > 0 {
+        own.change_while_better(at);
+    }
+    let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
+    if quads.into_iter().filter(|&quad| own.surround(at, quad)).count() > 0 {
+        own.change_while_better(at);
     }
 }
 
 impl Quads<'_> {
+    fn change_while_better(&mut self, at: &mut [DVec3]) {
+        loop {
+            let mut changes = 0;
+            for v in 0..at.len() as u32 {
+                changes += usize::from(self.faces.valence(v) == 2 && self.remove_vertex(v));
+            }
+            let quads: Vec<u32> = self.faces.all().map(|(number, _)| number).collect();
+            changes += quads.into_iter().filter(|&quad| self.collapse(at, quad)).count();
+            changes += self.faces.edges().into_iter().filter(|&edge| self.turn(at, edge)).count();
+            if changes == 0 {
+                return;
+            }
+        }
+    }
+
+    /// True if a crease passes a quad at its corner, so that the quad has nearly 180° there.
+    fn is_straight(&self, at: &[DVec3], v: u32, quad: u32) -> bool {
+        let fan = self.fan(v, quad);
+        let Some(face) = self.faces.face(quad) else { return false };
+        let corners: Vec<u32> = face.corners_from(v).collect();
+        let way = |w: u32| at[w as usize] - at[v as usize];
+        matches!(fan.kind, VertexKind::OnCurve(_))
+            && fan.quads == 1
+            && way(corners[1]).angle_between(way(corners[3])) > MIN_STRAIGHT
+    }
+
+    /// Adds rings of quads beside closed creases at which quads have straight corners: these corners become
+    /// vertices with three quads. Returns the number of rings.
+    fn add_rings(&mut self, at: &mut Vec<DVec3>) -> usize {
+        let mut sides: BTreeMap<CurveSide, BTreeMap<u32, u32>> = BTreeMap::new();
+        for (&(a, b), &side) in &self.creases.sides {
+            sides.entry(side).or_default().insert(a, b);
+        }
+        sides.values().filter(|next| self.add_ring(at, next)).count()
+    }
+
+    /// Adds a ring at the left of a closed chain of creases, given by the next vertex of each.
+    fn add_ring(&mut self, at: &mut Vec<DVec3>, next: &BTreeMap<u32, u32>) -> bool {
+        if next.keys().any(|&v| !matches!(self.creases.kind(v), VertexKind::OnCurve(_))) {
+            return false;
+        }
+        // The faces at the left, with their corners on the chain.
+        let mut beside: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let mut has_straight = false;
+        for (&v, &w) in next {
+            let mut start = Some(w);
+            while let Some((number, face)) = start.and_then(|w| self.faces.left_of(v, w)) {
+                beside.entry(number).or_default().push(v);
+                has_straight |= self.is_straight(at, v, number);
+                start = face.corners_from(v).last().filter(|&w| !self.creases.has((v, w)));
+            }
+        }
+        let touches_both_sides = beside.iter().any(|(&number, own)| {
+            let corners = self.faces.face(number);
+            corners.is_none_or(|face| face.corners().iter().any(|v| next.contains_key(v) && !own.contains(v)))
+        });
+        if !has_straight || touches_both_sides {
+            return false;
+        }
+        let mut inner: BTreeMap<u32, u32> = BTreeMap::new();
+        for &v in next.keys() {
+            let new = self.faces.add_vertex();
+            at.resize(new as usize + 1, DVec3::ZERO);
+            let own = beside.iter().filter(|(_, corners)| corners.contains(&v));
+            let others = own.filter_map(|(&number, _)| self.faces.face(number));
+            let others: Vec<DVec3> =
+                others.flat_map(|face| face.corners().to_vec()).map(|w| at[w as usize]).collect();
+            let middle = others.iter().sum::<DVec3>() / others.len().max(1) as f64;
+            at[new as usize] = 0.5 * (at[v as usize] + middle);
+            inner.insert(v, new);
+        }
+        let moved = beside.keys().filter_map(|&number| self.faces.face(number)).map(|face| {
+            face.corners().iter().fold(face, |face, v| inner.get(v).map_or(face, |&new| face.renamed(*v, new)))
+        });
+        let mut new: Vec<Face> = moved.collect();
+        new.extend(next.iter().map(|(v, w)| Face::quad([*v, *w, inner[w], inner[v]])));
+        let old: Vec<u32> = beside.keys().copied().collect();
+        self.faces.replace(&old, &new).is_some()
+    }
+
     fn fan(&self, v: u32, face: u32) -> Fan {
         Fan::new(self.faces, self.creases, self.targets, v, face)
     }
@@ -328,7 +410,7 @@ impl Quads<'_> {
             .map(|fan| fan.defect(0) - fan.defect(1))
             .sum();
         // The four new vertices have three quads.
-        if gain <= 4 {
+        if gain <= 4 || !outer.iter().any(|&v| self.is_straight(at, v, quad)) {
             return false;
         }
         let middle = outer.iter().map(|&v| at[v as usize]).sum::<DVec3>() / 4.0;
