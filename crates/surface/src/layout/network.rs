@@ -42,12 +42,10 @@ impl Curve {
     pub(super) fn nearest(&self, p: DVec3) -> (DVec3, DVec3) {
         let mut best = (f64::INFINITY, self.points[0], DVec3::X);
         for pair in self.points.windows(2) {
-            let way = pair[1] - pair[0];
-            let share = ((p - pair[0]).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-            let on = pair[0] + share * way;
+            let on = on_segment(p, pair[0], pair[1]);
             let squared = p.distance_squared(on);
             if squared < best.0 {
-                best = (squared, on, way);
+                best = (squared, on, pair[1] - pair[0]);
             }
         }
         (best.1, best.2.normalize_or_zero())
@@ -296,6 +294,24 @@ impl CreaseNetwork {
         edges
     }
 
+    /// Largest distance from a curve to its creases in a layout of a part of the mesh.
+    pub(super) fn largest_gap(&self, layout: &Layout) -> f64 {
+        let mut of_curve: BTreeMap<u32, Vec<[DVec3; 2]>> = BTreeMap::new();
+        for (edge, side) in self.edges_of(layout).sides {
+            let ends = [edge.0, edge.1].map(|v| layout.positions[v as usize]);
+            of_curve.entry(side / 2).or_default().push(ends);
+        }
+        let gap = |(curve, edges): (u32, Vec<[DVec3; 2]>)| {
+            let points = &self.curves[curve as usize].points;
+            let tested = points.iter().step_by(points.len().div_ceil(TESTED_POINTS).max(1));
+            let distance = |p: &DVec3| {
+                edges.iter().map(|&[a, b]| p.distance(on_segment(*p, a, b))).fold(f64::INFINITY, f64::min)
+            };
+            tested.map(distance).fold(0.0, f64::max)
+        };
+        of_curve.into_iter().map(gap).fold(0.0, f64::max)
+    }
+
     /// The curve nearest to a chain of points and to the middles between them.
     fn curve_near(&self, chain: &[DVec3]) -> u32 {
         let middles = chain.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
@@ -409,6 +425,12 @@ impl CreaseNetwork {
         });
         found.map(|region| region as usize).collect()
     }
+}
+
+/// The point of a segment nearest to a point.
+fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
+    let way = b - a;
+    a + ((p - a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) * way
 }
 
 /// A position as a key.

@@ -262,13 +262,14 @@ pub(super) fn even_out(
     creases: &mut CreaseEdges,
     targets: &FanTargets,
     at: &mut Vec<DVec3>,
+    adds_rings: bool,
 ) {
     let mut own = Quads { faces, creases, targets };
     own.change_while_better(at);
     if own.creases.is_empty() {
         return;
     }
-    if own.add_rings(at) > 0 {
+    if adds_rings && own.add_rings(at) > 0 {
         own.change_while_better(at);
     }
     let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
