@@ -23,6 +23,8 @@ const MAX_SKEW: f64 = 1.2;
 const MAX_SKEW_TURNED: f64 = 1.5;
 /// Smallest angle at which a corner of a quad on a smooth crease is straight.
 const MIN_STRAIGHT: f64 = 5.0 / 6.0 * PI;
+/// Straight corners that are tried to be removed, at most.
+const MAX_TRIED: usize = 100;
 
 type Edge = (u32, u32);
 /// For each face, the triangle from which it was reached, and the face and edge before it.
@@ -125,10 +127,8 @@ impl Quads<'_> {
         }
     }
 
-    /// Makes one vertex of the ends of a crease. The triangle at its left vanishes. Beyond it, another one
-    /// vanishes or a quad becomes a triangle.
+    /// Makes one vertex of the ends of a crease. Beside it, triangles vanish and quads become triangles.
     fn merge_across(&mut self, at: &mut [DVec3], edge: Edge, rest: &mut [Edge]) -> bool {
-        let Some(both) = self.faces.sides(edge) else { return false };
         let (a, b) = edge;
         let [kept, gone] = if self.creases.allows_merge(self.faces, a, b) {
             [a, b]
@@ -140,11 +140,15 @@ impl Quads<'_> {
         let near = self.faces.neighbours(gone).to_vec();
         let star: Vec<(u32, Face)> = self.faces.around(gone).collect();
         let old: Vec<u32> = star.iter().map(|(number, _)| *number).collect();
-        let rest_of_star = star.iter().filter(|(number, _)| !both.faces.contains(number));
-        let mut new: Vec<Face> = rest_of_star.map(|(_, face)| face.renamed(gone, kept)).collect();
-        if let [_, _, _, d, e] = both.corners[..] {
-            new.push(Face::triangle([kept, d, e]));
-        }
+        let left = star.iter().filter_map(|(_, face)| {
+            let others: Vec<u32> = face.corners_from(gone).skip(1).collect();
+            match (face.corners().contains(&kept), &others[..]) {
+                (false, _) => Some(face.renamed(gone, kept)),
+                (true, &[x, y, z]) => Some(Face::triangle([x, y, z])),
+                (true, _) => None,
+            }
+        });
+        let new: Vec<Face> = left.collect();
         if new.is_empty() || self.faces.replace(&old, &new).is_none() {
             return false;
         }
@@ -272,6 +276,7 @@ pub(super) fn even_out(
     if adds_rings && own.add_rings(at) > 0 {
         own.change_while_better(at);
     }
+    own.remove_straight(at);
     let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
     if quads.into_iter().filter(|&quad| own.surround(at, quad)).count() > 0 {
         own.change_while_better(at);
@@ -303,6 +308,45 @@ impl Quads<'_> {
         matches!(fan.kind, VertexKind::OnCurve(_))
             && fan.quads == 1
             && way(corners[1]).angle_between(way(corners[3])) > MIN_STRAIGHT
+    }
+
+    /// Removes vertices on creases at which quads have straight corners, as far as that is better after all
+    /// that follows from it: the two triangles that are left move to others.
+    fn remove_straight(&mut self, at: &mut Vec<DVec3>) {
+        let quads: Vec<(u32, Face)> = self.faces.all().collect();
+        let corners = quads.iter().flat_map(|(quad, face)| face.corners().iter().map(|&v| (v, *quad)));
+        let straight: Vec<u32> =
+            corners.filter(|&(v, quad)| self.is_straight(at, v, quad)).map(|(v, _)| v).collect();
+        for v in straight.into_iter().take(MAX_TRIED) {
+            let is_left = self.faces.around(v).any(|(face, _)| self.is_straight(at, v, face));
+            let on_crease = self.faces.neighbours(v).iter().copied().filter(|&w| self.creases.has((v, w)));
+            for w in on_crease.collect::<Vec<_>>().into_iter().filter(|_| is_left) {
+                let (mut faces, mut creases, mut moved) = (self.faces.clone(), self.creases.clone(), at.clone());
+                let mut tried =
+                    Quads { faces: &mut faces, creases: &mut creases, targets: self.targets };
+                if !tried.merge_across(&mut moved, (w, v), &mut []) || !tried.meet(&mut moved) {
+                    continue;
+                }
+                tried.change_while_better(&mut moved);
+                if tried.defect(&moved) < self.defect(at) {
+                    (*self.faces, *self.creases, *at) = (faces, creases, moved);
+                    break;
+                }
+            }
+        }
+    }
+
+    /// The sum of the defects of all fans, with more for straight corners.
+    fn defect(&self, at: &[DVec3]) -> f64 {
+        let mut total = 0.0;
+        for (quad, face) in self.faces.all() {
+            for &v in face.corners() {
+                let fan = self.fan(v, quad);
+                total += fan.defect(0) as f64 / fan.quads.max(1) as f64;
+                total += if self.is_straight(at, v, quad) { STRAIGHT_QUAD as f64 } else { 0.0 };
+            }
+        }
+        total
     }
 
     /// Adds rings of quads beside closed creases at which quads have straight corners: these corners become
