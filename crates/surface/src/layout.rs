@@ -32,6 +32,8 @@
 //! Shewchuk, Guibas, *QuadriFlow: a scalable and robust method for quadrangulation*, 2018.
 
 mod closure;
+#[cfg(test)]
+mod crease_tests;
 mod creases;
 mod decimation;
 mod faces;
@@ -52,12 +54,13 @@ use creases::CreaseEdges;
 use decimation::Decimation;
 use faces::{renumbered, renumbered_with_numbers};
 use field::DirectionField;
-use network::{CreaseNetwork, Place};
 pub use network::CreasedMesh;
+use network::{CreaseNetwork, Place};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::QuadDomain;
+use quality::Defects;
 use simplification::simplified;
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -89,7 +92,7 @@ struct Attempt {
     adds_rings: bool,
 }
 
-/// The best of these is taken, or the first without creases.
+/// The first of these is taken in which no quads fold, or the best of all. Without creases, it is the first.
 const ATTEMPTS: [Attempt; 8] = [
     Attempt { scale: 1.0, max_cost: MAX_COST, adds_rings: true },
     Attempt { scale: 1.0, max_cost: MAX_COST_FAR, adds_rings: true },
@@ -182,7 +185,11 @@ impl LayoutMesh {
             let chosen = (0..mesh.triangles.len()).filter(|&index| numbers[index] == number);
             let (triangles, positions, numbers) =
                 renumbered_with_numbers(chosen.map(|index| mesh.triangles[index]), &mesh.positions);
-            Part::new(TriangleMesh::try_new(positions, triangles)?, network.edges.renumbered(&numbers), finest)
+            Part::new(
+                TriangleMesh::try_new(positions, triangles)?,
+                network.edges.renumbered(&numbers),
+                finest,
+            )
         };
         let parts = (0..check.components as u32).map(part).collect::<Result<_>>()?;
         Ok(Self { parts, area, most, search: MeshSearch::try_new(mesh)?, network, mesh: creased.mesh })
@@ -299,18 +306,18 @@ impl Part {
     fn layout(&self, side: f64, search: &MeshSearch, network: &CreaseNetwork) -> Result<Layout> {
         // A small component would collapse under large squares.
         let side = side.min((self.area / MIN_QUADS as f64).sqrt());
-        let mut best: Option<(f64, Layout)> = None;
+        let mut best: Option<(Defects, Layout)> = None;
         let mut error = None;
         for attempt in ATTEMPTS {
             match self.attempt(side, &attempt, search, network) {
                 // Without creases, the first attempt is as good as others.
                 Ok(made) if network.edges.is_empty() => return Ok(made),
                 Ok(made) => {
-                    let own = quality::defect(&made, network, side);
-                    if best.as_ref().is_none_or(|(least, _)| own < *least) {
+                    let own = quality::defects(&made, network, side);
+                    if best.as_ref().is_none_or(|(least, _)| own.is_better_than(least)) {
                         best = Some((own, made));
                     }
-                    if own == 0.0 {
+                    if !own.has_folds() && !own.loses_creases {
                         break;
                     }
                 }
@@ -320,7 +327,7 @@ impl Part {
         }
         let unresolved = || Error::undetermined("creases are nearer to each other than quads are large");
         match best {
-            Some((defect, made)) if defect < quality::LOST_CREASE => Ok(made),
+            Some((defects, made)) if !defects.loses_creases => Ok(made),
             Some(_) => Err(unresolved()),
             None => Err(error.unwrap_or_else(unresolved)),
         }
@@ -351,7 +358,13 @@ impl Part {
         if !quads::pair(&mut coarse, &network.targets, &mut positions) {
             return Err(Error::undetermined("no mesh of quads was found on the surface"));
         }
-        quads::even_out(&mut coarse.faces, &mut coarse.creases, &network.targets, &mut positions, attempt.adds_rings);
+        quads::even_out(
+            &mut coarse.faces,
+            &mut coarse.creases,
+            &network.targets,
+            &mut positions,
+            attempt.adds_rings,
+        );
         let (cells, mut positions, numbers) = coarse.faces.numbered(&positions);
         let domain = network.domain(&cells, &coarse.faces, &coarse.creases, &numbers)?;
         let creases = coarse.creases.renumbered(&numbers);

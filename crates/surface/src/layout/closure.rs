@@ -23,7 +23,7 @@ const LONG_COST: f64 = 3.0;
 /// Largest cost of a way: about three squares. Over longer ways, whole rows of squares would be squeezed, and
 /// a row that ends costs two extraordinary vertices instead.
 pub(super) const MAX_COST: f64 = 20.0;
-/// The same for creases of straight parts, where a row can leave through the next crease.
+/// The same for meshes with creases, where a row can leave a face through the next one.
 pub(super) const MAX_COST_FAR: f64 = 60.0;
 /// Missing steps of a triangle that are moved away, at most.
 const MAX_MISSING: usize = 6;

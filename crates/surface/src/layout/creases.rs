@@ -84,8 +84,12 @@ impl CreaseEdges {
             // Beyond the vertex, the curve must not return to the one that is kept: both edges would be one.
             VertexKind::OnCurve(curve) => {
                 self.curve((kept, gone)) == Some(curve)
-                    && (faces.neighbours(gone).iter())
-                        .all(|&w| w == kept || !self.has((gone, w)) || !faces.are_joined(kept, w) || !self.has((kept, w)))
+                    && (faces.neighbours(gone).iter()).all(|&w| {
+                        w == kept
+                            || !self.has((gone, w))
+                            || !faces.are_joined(kept, w)
+                            || !self.has((kept, w))
+                    })
             }
         }
     }

@@ -185,8 +185,16 @@ impl Level {
         for v in 0..places.len() {
             starts[v + 1] += starts[v];
         }
-        let mut made =
-            Self { places, normals, areas, fixed, starts, neighbours, groups: Vec::new(), parents: Vec::new() };
+        let mut made = Self {
+            places,
+            normals,
+            areas,
+            fixed,
+            starts,
+            neighbours,
+            groups: Vec::new(),
+            parents: Vec::new(),
+        };
         made.groups = groups(made.places.len(), |v| made.of_place(v).iter().map(|&(w, _)| w).collect());
         made
     }

@@ -95,7 +95,9 @@ impl CreaseNetwork {
         let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for &[a, b] in &creased.creases {
             if !left.contains_key(&(a, b)) {
-                return Err(Error::input(format!("the crease from vertex {a} to {b} is no edge of the mesh")));
+                return Err(Error::input(format!(
+                    "the crease from vertex {a} to {b} is no edge of the mesh"
+                )));
             }
             around.entry(a).or_default().push(b);
             around.entry(b).or_default().push(a);
@@ -109,7 +111,8 @@ impl CreaseNetwork {
         }
         let mut own = Self::default();
         own.edges.kinds = vec![VertexKind::Free; mesh.positions.len()];
-        let mut corners: Vec<u32> = around.iter().filter(|(_, near)| near.len() != 2).map(|(v, _)| *v).collect();
+        let mut corners: Vec<u32> =
+            around.iter().filter(|(_, near)| near.len() != 2).map(|(v, _)| *v).collect();
         corners.extend(creased.corners.iter().filter(|v| around[v].len() == 2));
         corners.sort_unstable();
         corners.dedup();
@@ -148,7 +151,9 @@ impl CreaseNetwork {
         for pair in chain.windows(2) {
             self.edges.set((pair[0], pair[1]), 2 * number);
         }
-        for &v in chain.iter().filter(|&&v| self.edges.kinds[v as usize] == VertexKind::Free).collect::<Vec<_>>() {
+        for &v in
+            chain.iter().filter(|&&v| self.edges.kinds[v as usize] == VertexKind::Free).collect::<Vec<_>>()
+        {
             self.edges.kinds[v as usize] = VertexKind::OnCurve(number);
         }
         self.curves.push(Curve { points: chain.iter().map(|&v| mesh.positions[v as usize]).collect() });
@@ -201,7 +206,8 @@ impl CreaseNetwork {
     fn add_regions(&mut self, mesh: &TriangleMesh, left: &EdgeMap<u32>) -> Result<()> {
         let faces: Vec<&[u32]> = mesh.triangles.iter().map(|t| &t[..]).collect();
         self.region_of = regions(&faces, &self.edges, left);
-        let at_creases = self.edges.sides.iter().map(|(edge, &side)| (side, self.region_of[left[edge] as usize]));
+        let at_creases =
+            self.edges.sides.iter().map(|(edge, &side)| (side, self.region_of[left[edge] as usize]));
         self.region_at = at_creases.collect();
         let count = self.region_of.iter().max().map_or(0, |last| last + 1);
         for region in 0..count {
@@ -221,9 +227,9 @@ impl CreaseNetwork {
     ) -> Result<QuadDomain> {
         let is_marked = |v: u32, corner: u32| {
             let near = faces.neighbours(v).iter().filter(|&&w| creases.has((v, w)));
-            let fans = near.filter_map(|&w| faces.left_of(v, w)).map(|(face, _)| {
-                Fan::new(faces, creases, &self.targets, v, face).quads
-            });
+            let fans = near
+                .filter_map(|&w| faces.left_of(v, w))
+                .map(|(face, _)| Fan::new(faces, creases, &self.targets, v, face).quads);
             // With as many quads on both sides of two creases, the curve has to pass.
             let fans: Vec<usize> = fans.collect();
             self.ends_curves[corner as usize] && !matches!(fans[..], [a, b] if a == b && a > 1)
@@ -286,7 +292,11 @@ impl CreaseNetwork {
                 for pair in chain.windows(2) {
                     edges.set((pair[0], pair[1]), 2 * curve + u32::from(is_reversed));
                 }
-                for &v in chain.iter().filter(|&&v| !matches!(edges.kinds[v as usize], VertexKind::Corner(_))).collect::<Vec<_>>() {
+                for &v in chain
+                    .iter()
+                    .filter(|&&v| !matches!(edges.kinds[v as usize], VertexKind::Corner(_)))
+                    .collect::<Vec<_>>()
+                {
                     edges.kinds[v as usize] = VertexKind::OnCurve(curve);
                 }
             }
@@ -325,7 +335,12 @@ impl CreaseNetwork {
     }
 
     /// The creases of a divided layout. Corners are put back to their places.
-    pub(super) fn divided(&self, layout: &Layout, division: &Division, positions: &mut [DVec3]) -> CreaseEdges {
+    pub(super) fn divided(
+        &self,
+        layout: &Layout,
+        division: &Division,
+        positions: &mut [DVec3],
+    ) -> CreaseEdges {
         let coarse = self.edges_of(layout);
         let mut fine = CreaseEdges::default();
         if coarse.is_empty() {
@@ -415,13 +430,18 @@ impl CreaseNetwork {
             for region in own.iter().flat_map(|face| at_creases(face)) {
                 *votes.entry(region).or_default() += 1;
             }
-            if let Some((&region, _)) = votes.iter().max_by_key(|(region, count)| (**count, u32::MAX - **region)) {
+            if let Some((&region, _)) =
+                votes.iter().max_by_key(|(region, count)| (**count, u32::MAX - **region))
+            {
                 return region;
             }
             for face in own.iter().step_by(own.len().div_ceil(TESTED_FACES).max(1)) {
                 *votes.entry(region_near(face)).or_default() += 1;
             }
-            votes.into_iter().max_by_key(|(region, count)| (*count, u32::MAX - region)).map_or(0, |best| best.0)
+            votes
+                .into_iter()
+                .max_by_key(|(region, count)| (*count, u32::MAX - region))
+                .map_or(0, |best| best.0)
         });
         found.map(|region| region as usize).collect()
     }
@@ -449,7 +469,8 @@ fn targets_of(fans: &[(u32, f64)]) -> HashMap<u32, usize> {
         let rounded = (angle / FRAC_PI_2).round() as usize;
         if angle > PI { rounded.max(3) } else { rounded.clamp(1, 2) }
     };
-    let mut targets: Vec<(u32, f64, usize)> = fans.iter().map(|&(curve, angle)| (curve, angle, target(angle))).collect();
+    let mut targets: Vec<(u32, f64, usize)> =
+        fans.iter().map(|&(curve, angle)| (curve, angle, target(angle))).collect();
     // Of two fans, the one with fewer quads has less than 180°.
     if let [first, second] = &mut targets[..]
         && first.2 == second.2

@@ -321,9 +321,9 @@ impl Quads<'_> {
             let is_left = self.faces.around(v).any(|(face, _)| self.is_straight(at, v, face));
             let on_crease = self.faces.neighbours(v).iter().copied().filter(|&w| self.creases.has((v, w)));
             for w in on_crease.collect::<Vec<_>>().into_iter().filter(|_| is_left) {
-                let (mut faces, mut creases, mut moved) = (self.faces.clone(), self.creases.clone(), at.clone());
-                let mut tried =
-                    Quads { faces: &mut faces, creases: &mut creases, targets: self.targets };
+                let (mut faces, mut creases, mut moved) =
+                    (self.faces.clone(), self.creases.clone(), at.clone());
+                let mut tried = Quads { faces: &mut faces, creases: &mut creases, targets: self.targets };
                 if !tried.merge_across(&mut moved, (w, v), &mut []) || !tried.meet(&mut moved) {
                     continue;
                 }
@@ -395,7 +395,9 @@ impl Quads<'_> {
             inner.insert(v, new);
         }
         let moved = beside.keys().filter_map(|&number| self.faces.face(number)).map(|face| {
-            face.corners().iter().fold(face, |face, v| inner.get(v).map_or(face, |&new| face.renamed(*v, new)))
+            face.corners()
+                .iter()
+                .fold(face, |face, v| inner.get(v).map_or(face, |&new| face.renamed(*v, new)))
         });
         let mut new: Vec<Face> = moved.collect();
         new.extend(next.iter().map(|(v, w)| Face::quad([*v, *w, inner[w], inner[v]])));
@@ -410,7 +412,8 @@ impl Quads<'_> {
     /// Makes one quad of the two around a vertex.
     fn remove_vertex(&mut self, v: u32) -> bool {
         let [a, b] = *self.faces.neighbours(v) else { return false };
-        let (Some((f, first)), Some((g, second))) = (self.faces.left_of(v, a), self.faces.left_of(v, b)) else {
+        let (Some((f, first)), Some((g, second))) = (self.faces.left_of(v, a), self.faces.left_of(v, b))
+        else {
             return false;
         };
         let beyond = |face: Face| face.corners().iter().copied().find(|w| ![v, a, b].contains(w));
@@ -451,9 +454,8 @@ impl Quads<'_> {
         let Some(face) = self.faces.face(quad) else { return false };
         let [a, b, c, d] = *face.corners() else { return false };
         let outer = [a, b, c, d];
-        let gain: i64 = (outer.iter().map(|&v| self.fan(v, quad)))
-            .map(|fan| fan.defect(0) - fan.defect(1))
-            .sum();
+        let gain: i64 =
+            (outer.iter().map(|&v| self.fan(v, quad))).map(|fan| fan.defect(0) - fan.defect(1)).sum();
         // The four new vertices have three quads.
         if gain <= 4 || !outer.iter().any(|&v| self.is_straight(at, v, quad)) {
             return false;

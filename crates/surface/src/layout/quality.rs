@@ -4,8 +4,6 @@ use super::Layout;
 use super::network::CreaseNetwork;
 use std::collections::BTreeSet;
 
-/// Smallest defect of a layout that has lost a crease of the mesh.
-pub(super) const LOST_CREASE: f64 = 1e6;
 /// A crease is lost if it is farther than this from all of its creases in the layout, as a share of a quad's
 /// side.
 const MAX_GAP: f64 = 0.6;
@@ -17,8 +15,29 @@ const MIN_SINE: f64 = 0.1;
 /// Least cosine between normals of neighbours without a crease between them.
 const MIN_COSINE: f64 = -0.2;
 
-/// The number of vertices without a uniform spline, with more for quads on which a surface folds.
-pub(super) fn defect(layout: &Layout, network: &CreaseNetwork, side: f64) -> f64 {
+/// What is wrong with a layout.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Defects {
+    /// Number of vertices without a uniform spline.
+    special: usize,
+    /// Sum over quads on which a surface folds.
+    folds: f64,
+    pub(super) loses_creases: bool,
+}
+
+impl Defects {
+    pub(super) fn is_better_than(&self, other: &Self) -> bool {
+        let rank = |own: &Self| (own.loses_creases, own.special as f64 + own.folds);
+        rank(self) < rank(other)
+    }
+
+    pub(super) fn has_folds(&self) -> bool {
+        self.folds > 0.0
+    }
+}
+
+/// Measures a layout of a part of a mesh.
+pub(super) fn defects(layout: &Layout, network: &CreaseNetwork, side: f64) -> Defects {
     let domain = &layout.domain;
     let corners = |q: usize| domain.cells()[q].map(|v| layout.positions[v as usize]);
     let normal = |q: usize| {
@@ -26,7 +45,7 @@ pub(super) fn defect(layout: &Layout, network: &CreaseNetwork, side: f64) -> f64
         (c - a).cross(d - b).normalize_or_zero()
     };
     let mut special: BTreeSet<u32> = BTreeSet::new();
-    let mut total = 0.0;
+    let mut folds = 0.0;
     for (q, quad) in domain.cells().iter().enumerate() {
         let (own, at) = (normal(q), corners(q));
         let mut is_folded = false;
@@ -36,7 +55,7 @@ pub(super) fn defect(layout: &Layout, network: &CreaseNetwork, side: f64) -> f64
             is_folded |= sine <= 0.0;
             // Small angles are no harm: creases may meet at them.
             if sine < MIN_SINE && x.dot(y) < 0.0 {
-                total += STRAIGHT;
+                folds += STRAIGHT;
             }
             if domain.is_extraordinary_corner(q, k) {
                 special.insert(quad[k]);
@@ -46,9 +65,9 @@ pub(super) fn defect(layout: &Layout, network: &CreaseNetwork, side: f64) -> f64
                 && over.is_some_and(|(over, _)| own.dot(normal(over as usize)) < MIN_COSINE);
         }
         if is_folded {
-            total += FOLDED;
+            folds += FOLDED;
         }
     }
-    total += special.len() as f64;
-    if network.largest_gap(layout) > MAX_GAP * side { total + LOST_CREASE } else { total }
+    let loses_creases = network.largest_gap(layout) > MAX_GAP * side;
+    Defects { special: special.len(), folds, loses_creases }
 }

@@ -38,8 +38,7 @@ pub(crate) fn with_sharp_edges(mesh: TriangleMesh, angle_deg: f64) -> CreasedMes
 /// The boundary of some boxes of a grid, with its planes at given coordinates along each axis.
 pub(crate) fn blocks(planes: [&[f64]; 3], is_full: impl Fn([i32; 3]) -> bool) -> TriangleMesh {
     let counts = planes.map(|own| own.len() as i32 - 1);
-    let inside =
-        |at: [i32; 3]| (0..3).all(|d| (0..counts[d]).contains(&at[d])) && is_full(at);
+    let inside = |at: [i32; 3]| (0..3).all(|d| (0..counts[d]).contains(&at[d])) && is_full(at);
     let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     let mut number = |at: [i32; 3]| {
