@@ -20,8 +20,9 @@
 //! | relaxation | even quads on the mesh |
 //! | quality | which of several layouts is best |
 //!
-//! Creases of the mesh become creases of the domain. Lattices at them point along their curves, with positions
-//! on them. No change removes a crease or a corner, and vertices move within their curves and between them.
+//! Creases of the mesh become creases of the domain. Lattices at them point along their curves, with
+//! positions on them. No change removes a crease or a corner, and vertices move within their curves and
+//! between them.
 //! See decision 0118.
 //!
 //! Not guaranteed: the number of quads and of extraordinary vertices, and quads in parts that are thinner
@@ -91,6 +92,10 @@ struct Attempt {
     /// Rings of quads beside round creases. They do not fit narrow strips.
     adds_rings: bool,
 }
+
+/// Quads up to which ways over long distances are tried: the time of the search grows with the square of
+/// their number.
+const MAX_FAR_QUADS: f64 = 600.0;
 
 /// The first of these is taken in which no quads fold, or the best of all. Without creases, it is the first.
 const ATTEMPTS: [Attempt; 8] = [
@@ -167,7 +172,8 @@ impl LayoutMesh {
     /// };
     /// let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
     /// let creases = edges.filter(|[a, b]| a < b).filter(is_sharp).collect();
-    /// let layout = LayoutMesh::with_creases(CreasedMesh { mesh, creases, corners: vec![] }, 100)?.layout(96)?;
+    /// let creased = CreasedMesh { mesh, creases, corners: vec![] };
+    /// let layout = LayoutMesh::with_creases(creased, 100)?.layout(96)?;
     /// assert_eq!(layout.domain.extraordinary_vertices().len(), 8);
     /// assert!(layout.positions.iter().all(|p| (p.abs().max_element() - 1.0).abs() < 1e-9));
     /// # Ok::<(), planish_estimate::Error>(())
@@ -309,6 +315,9 @@ impl Part {
         let mut best: Option<(Defects, Layout)> = None;
         let mut error = None;
         for attempt in ATTEMPTS {
+            if attempt.max_cost > MAX_COST && self.area > MAX_FAR_QUADS * side * side {
+                continue;
+            }
             match self.attempt(side, &attempt, search, network) {
                 // Without creases, the first attempt is as good as others.
                 Ok(made) if network.edges.is_empty() => return Ok(made),

@@ -397,8 +397,8 @@ impl CreaseNetwork {
         places
     }
 
-    /// For each region of faces, that of the mesh: beside the same curves, or on which most of some of its faces
-    /// lie if it has no crease.
+    /// For each region of faces, that of the mesh beside the same curves. A region without creases is the one
+    /// on which most of its tested faces lie.
     fn regions_on_mesh(
         &self,
         faces: &[&[u32]],

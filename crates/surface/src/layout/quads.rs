@@ -3,8 +3,8 @@
 //! Pairs of triangles become quads. The triangles that are left are moved through quads until two meet: a
 //! triangle and a quad are a pentagon, which can be divided into a quad and a triangle at any other side. A
 //! closed surface has an even number of them. Then vertices of two quads are removed, quads are collapsed and
-//! edges are turned where that brings the numbers of quads at vertices nearer to four. Creases stay as they are,
-//! and beside them the numbers of quads between two creases count.
+//! edges are turned where that brings the numbers of quads at vertices nearer to four. Creases stay as they
+//! are, and at vertices on them the numbers of quads between two creases count.
 //!
 //! # References
 //! Tarini, Pietroni, Cignoni, Panozzo, Puppo, *Practical quad mesh simplification*, Computer Graphics Forum
@@ -23,8 +23,8 @@ const MAX_SKEW: f64 = 1.2;
 const MAX_SKEW_TURNED: f64 = 1.5;
 /// Smallest angle at which a corner of a quad on a smooth crease is straight.
 const MIN_STRAIGHT: f64 = 5.0 / 6.0 * PI;
-/// Straight corners that are tried to be removed, at most.
-const MAX_TRIED: usize = 100;
+/// Faces of all trials to remove straight corners, at most: each trial passes over all faces.
+const MAX_TRIED_FACES: usize = 40_000;
 
 type Edge = (u32, u32);
 /// For each face, the triangle from which it was reached, and the face and edge before it.
@@ -71,8 +71,8 @@ fn skew(corners: &[u32], at: &[DVec3]) -> f64 {
 impl Quads<'_> {
     /// Moves triangles until they meet in pairs. False if some are left.
     ///
-    /// They cross creases only if they can not meet otherwise: between its creases, a region has an odd number
-    /// of them if its border has an odd number of edges.
+    /// They cross creases only if they can not meet otherwise: a region between creases has an odd number of
+    /// them if its border has an odd number of edges.
     fn meet(&mut self, at: &mut Vec<DVec3>) -> bool {
         for crosses_creases in [false, true] {
             let mut blocked: HashSet<Edge> = HashSet::new();
@@ -199,8 +199,8 @@ fn move_triangle(faces: &mut Faces, at: &[DVec3], edge: Edge, next: Edge) -> boo
     })
 }
 
-/// Both divisions of a pentagon into a triangle at an edge and a quad, that with the better quad first. None if
-/// it has no such edge.
+/// Both divisions of a pentagon into a triangle at an edge and a quad, that with the better quad first. None
+/// if it has no such edge.
 fn pentagon_ways(corners: [u32; 5], edge: Edge, at: &[DVec3]) -> Option<[([u32; 3], [u32; 4]); 2]> {
     let start = corners.iter().position(|&v| v == edge.0)?;
     let [p, q, r, s, t] = [0, 1, 2, 3, 4].map(|k| corners[(start + k) % 5]);
@@ -317,7 +317,9 @@ impl Quads<'_> {
         let corners = quads.iter().flat_map(|(quad, face)| face.corners().iter().map(|&v| (v, *quad)));
         let straight: Vec<u32> =
             corners.filter(|&(v, quad)| self.is_straight(at, v, quad)).map(|(v, _)| v).collect();
-        for v in straight.into_iter().take(MAX_TRIED) {
+        let most = MAX_TRIED_FACES / self.faces.count().max(1);
+        let mut own = self.defect(at);
+        for v in straight.into_iter().take(most) {
             let is_left = self.faces.around(v).any(|(face, _)| self.is_straight(at, v, face));
             let on_crease = self.faces.neighbours(v).iter().copied().filter(|&w| self.creases.has((v, w)));
             for w in on_crease.collect::<Vec<_>>().into_iter().filter(|_| is_left) {
@@ -328,7 +330,9 @@ impl Quads<'_> {
                     continue;
                 }
                 tried.change_while_better(&mut moved);
-                if tried.defect(&moved) < self.defect(at) {
+                let then = tried.defect(&moved);
+                if then < own {
+                    own = then;
                     (*self.faces, *self.creases, *at) = (faces, creases, moved);
                     break;
                 }
