@@ -93,11 +93,12 @@ struct Attempt {
     adds_rings: bool,
 }
 
-/// Quads up to which ways over long distances are tried: the time of the search grows with the square of
-/// their number.
-const MAX_FAR_QUADS: f64 = 600.0;
+/// Quads up to which all attempts are made, those with long ways among them: the time of their search grows
+/// with the square of the number of quads.
+const MAX_TRIED_QUADS: f64 = 600.0;
 
-/// The first of these is taken in which no quads fold, or the best of all. Without creases, it is the first.
+/// The best of these is taken. Of many quads, it is the first in which none fold, and without creases the
+/// first.
 const ATTEMPTS: [Attempt; 8] = [
     Attempt { scale: 1.0, max_cost: MAX_COST, adds_rings: true },
     Attempt { scale: 1.0, max_cost: MAX_COST_FAR, adds_rings: true },
@@ -312,10 +313,11 @@ impl Part {
     fn layout(&self, side: f64, search: &MeshSearch, network: &CreaseNetwork) -> Result<Layout> {
         // A small component would collapse under large squares.
         let side = side.min((self.area / MIN_QUADS as f64).sqrt());
+        let has_many = self.area > MAX_TRIED_QUADS * side * side;
         let mut best: Option<(Defects, Layout)> = None;
         let mut error = None;
         for attempt in ATTEMPTS {
-            if attempt.max_cost > MAX_COST && self.area > MAX_FAR_QUADS * side * side {
+            if attempt.max_cost > MAX_COST && has_many {
                 continue;
             }
             match self.attempt(side, &attempt, search, network) {
@@ -326,7 +328,7 @@ impl Part {
                     if best.as_ref().is_none_or(|(least, _)| own.is_better_than(least)) {
                         best = Some((own, made));
                     }
-                    if !own.has_folds() && !own.loses_creases {
+                    if own.is_regular() || has_many && !own.has_folds() {
                         break;
                     }
                 }

@@ -32,7 +32,11 @@ impl Defects {
     }
 
     pub(super) fn has_folds(&self) -> bool {
-        self.folds > 0.0
+        self.folds > 0.0 || self.loses_creases
+    }
+
+    pub(super) fn is_regular(&self) -> bool {
+        self.special == 0 && !self.has_folds()
     }
 }
 
