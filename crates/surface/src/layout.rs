@@ -18,9 +18,11 @@
 //! | faces, decimation | one vertex for each lattice position |
 //! | quads | quads from triangles, and fewer extraordinary vertices |
 //! | relaxation | even quads on the mesh |
+//! | quality | which of several layouts is best |
 //!
-//! Creases of the mesh become creases of the domain. Lattices at them point along their curves, with positions
-//! on them. No change removes a crease or a corner, and vertices move within their curves and between them.
+//! Creases of the mesh become creases of the domain. Lattices at them point along their curves, with
+//! positions on them. No change removes a crease or a corner, and vertices move within their curves and
+//! between them.
 //! See decision 0118.
 //!
 //! Not guaranteed: the number of quads and of extraordinary vertices, and quads in parts that are thinner
@@ -31,6 +33,8 @@
 //! Shewchuk, Guibas, *QuadriFlow: a scalable and robust method for quadrangulation*, 2018.
 
 mod closure;
+#[cfg(test)]
+mod crease_tests;
 mod creases;
 mod decimation;
 mod faces;
@@ -38,6 +42,7 @@ mod field;
 mod lattice;
 mod network;
 mod quads;
+mod quality;
 mod relaxation;
 mod simplification;
 #[cfg(test)]
@@ -45,7 +50,7 @@ mod test_shapes;
 #[cfg(test)]
 mod tests;
 
-use closure::Steps;
+use closure::{MAX_COST, MAX_COST_FAR, Steps};
 use creases::CreaseEdges;
 use decimation::Decimation;
 use faces::{renumbered, renumbered_with_numbers};
@@ -56,6 +61,7 @@ use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::QuadDomain;
+use quality::Defects;
 use simplification::simplified;
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -76,6 +82,33 @@ const LONGEST_EDGE: f64 = 0.5;
 const COARSEST: usize = 400;
 /// Quads of a component, at least.
 const MIN_QUADS: usize = 24;
+
+/// How a layout of a mesh with creases is tried.
+struct Attempt {
+    /// Side of squares, in units of the wanted one: a crease is a whole number of squares long.
+    scale: f64,
+    /// Cost of ways on which steps are closed.
+    max_cost: f64,
+    /// Rings of quads beside round creases. They do not fit narrow strips.
+    adds_rings: bool,
+}
+
+/// Quads up to which all attempts are made, those with long ways among them: the time of their search grows
+/// with the square of the number of quads.
+const MAX_TRIED_QUADS: f64 = 600.0;
+
+/// The best of these is taken. Of many quads, it is the first in which none fold, and without creases the
+/// first.
+const ATTEMPTS: [Attempt; 8] = [
+    Attempt { scale: 1.0, max_cost: MAX_COST, adds_rings: true },
+    Attempt { scale: 1.0, max_cost: MAX_COST_FAR, adds_rings: true },
+    Attempt { scale: 0.94, max_cost: MAX_COST, adds_rings: true },
+    Attempt { scale: 0.94, max_cost: MAX_COST_FAR, adds_rings: true },
+    Attempt { scale: 1.06, max_cost: MAX_COST, adds_rings: true },
+    Attempt { scale: 1.06, max_cost: MAX_COST_FAR, adds_rings: true },
+    Attempt { scale: 1.0, max_cost: MAX_COST, adds_rings: false },
+    Attempt { scale: 1.0, max_cost: MAX_COST_FAR, adds_rings: false },
+];
 
 /// A closed mesh on which layouts are made.
 pub struct LayoutMesh {
@@ -140,7 +173,8 @@ impl LayoutMesh {
     /// };
     /// let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
     /// let creases = edges.filter(|[a, b]| a < b).filter(is_sharp).collect();
-    /// let layout = LayoutMesh::with_creases(CreasedMesh { mesh, creases, corners: vec![] }, 100)?.layout(96)?;
+    /// let creased = CreasedMesh { mesh, creases, corners: vec![] };
+    /// let layout = LayoutMesh::with_creases(creased, 100)?.layout(96)?;
     /// assert_eq!(layout.domain.extraordinary_vertices().len(), 8);
     /// assert!(layout.positions.iter().all(|p| (p.abs().max_element() - 1.0).abs() < 1e-9));
     /// # Ok::<(), planish_estimate::Error>(())
@@ -279,6 +313,45 @@ impl Part {
     fn layout(&self, side: f64, search: &MeshSearch, network: &CreaseNetwork) -> Result<Layout> {
         // A small component would collapse under large squares.
         let side = side.min((self.area / MIN_QUADS as f64).sqrt());
+        let has_many = self.area > MAX_TRIED_QUADS * side * side;
+        let mut best: Option<(Defects, Layout)> = None;
+        let mut error = None;
+        for attempt in ATTEMPTS {
+            if attempt.max_cost > MAX_COST && has_many {
+                continue;
+            }
+            match self.attempt(side, &attempt, search, network) {
+                // Without creases, the first attempt is as good as others.
+                Ok(made) if network.edges.is_empty() => return Ok(made),
+                Ok(made) => {
+                    let own = quality::defects(&made, network, side);
+                    if best.as_ref().is_none_or(|(least, _)| own.is_better_than(least)) {
+                        best = Some((own, made));
+                    }
+                    if own.is_regular() || has_many && !own.has_folds() {
+                        break;
+                    }
+                }
+                Err(own) if network.edges.is_empty() => return Err(own),
+                Err(own) => error = Some(own),
+            }
+        }
+        let unresolved = || Error::undetermined("creases are nearer to each other than quads are large");
+        match best {
+            Some((defects, made)) if !defects.loses_creases => Ok(made),
+            Some(_) => Err(unresolved()),
+            None => Err(error.unwrap_or_else(unresolved)),
+        }
+    }
+
+    fn attempt(
+        &self,
+        side: f64,
+        attempt: &Attempt,
+        search: &MeshSearch,
+        network: &CreaseNetwork,
+    ) -> Result<Layout> {
+        let side = attempt.scale * side;
         let is_fine = |made: &&PartMesh| made.shortest <= SHORTEST_EDGE * side;
         let PartMesh { mesh, creases, prepared, .. } =
             self.meshes.iter().rev().find(is_fine).unwrap_or(&self.meshes[0]);
@@ -287,7 +360,7 @@ impl Part {
         let lattices = field.lattices(side);
         let mut steps = Steps::new(mesh, opposite, &lattices);
         steps.keep_along(mesh, creases, &lattices);
-        steps.close();
+        steps.close(attempt.max_cost);
         let faces: Vec<&[u32]> = mesh.triangles.iter().map(|t| &t[..]).collect();
         let places = network.places(&faces, creases, &mesh.positions, search);
         let mut coarse = Decimation::new(mesh, creases.clone(), lattices, &steps);
@@ -296,7 +369,13 @@ impl Part {
         if !quads::pair(&mut coarse, &network.targets, &mut positions) {
             return Err(Error::undetermined("no mesh of quads was found on the surface"));
         }
-        quads::even_out(&mut coarse.faces, &mut coarse.creases, &network.targets, &mut positions);
+        quads::even_out(
+            &mut coarse.faces,
+            &mut coarse.creases,
+            &network.targets,
+            &mut positions,
+            attempt.adds_rings,
+        );
         let (cells, mut positions, numbers) = coarse.faces.numbered(&positions);
         let domain = network.domain(&cells, &coarse.faces, &coarse.creases, &numbers)?;
         let creases = coarse.creases.renumbered(&numbers);

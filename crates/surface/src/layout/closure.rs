@@ -22,7 +22,9 @@ const EDGE_COST: f64 = 0.05;
 const LONG_COST: f64 = 3.0;
 /// Largest cost of a way: about three squares. Over longer ways, whole rows of squares would be squeezed, and
 /// a row that ends costs two extraordinary vertices instead.
-const MAX_COST: f64 = 20.0;
+pub(super) const MAX_COST: f64 = 20.0;
+/// The same for meshes with creases, where a row can leave a face through the next one.
+pub(super) const MAX_COST_FAR: f64 = 60.0;
 /// Missing steps of a triangle that are moved away, at most.
 const MAX_MISSING: usize = 6;
 
@@ -95,8 +97,8 @@ impl<'a> Steps<'a> {
         (half / 3 * 3..half).map(|h| self.steps[h].turn).sum::<u8>() % 4
     }
 
-    /// Closes the steps around all triangles that are not singular, as far as possible.
-    pub(super) fn close(&mut self) {
+    /// Closes the steps around all triangles that are not singular, as far as ways of a cost reach.
+    pub(super) fn close(&mut self, max_cost: f64) {
         for triangle in 0..self.steps.len() as u32 / 3 {
             for _ in 0..MAX_MISSING {
                 let Step { turn, by } = self.around(triangle);
@@ -104,7 +106,7 @@ impl<'a> Steps<'a> {
                     break;
                 }
                 let unit = if by[0] == 0 { [0, by[1].signum()] } else { [by[0].signum(), 0] };
-                if !self.move_away((triangle, unit)) {
+                if !self.move_away((triangle, unit), max_cost) {
                     break;
                 }
             }
@@ -113,7 +115,7 @@ impl<'a> Steps<'a> {
 
     /// Moves a missing step to the triangle that can be reached at the least cost. False if there is none
     /// nearby.
-    fn move_away(&mut self, start: Missing) -> bool {
+    fn move_away(&mut self, start: Missing, max_cost: f64) -> bool {
         // The cheapest way to each state: its cost, and the state and half edge before it.
         let mut best: HashMap<Missing, (f64, Option<(Missing, usize)>)> =
             HashMap::from([(start, (0.0, None))]);
@@ -122,7 +124,7 @@ impl<'a> Steps<'a> {
         while let Some((Reverse(bits), state)) = open.pop() {
             // Costs are not negative, so their bits have the same order.
             let cost = f64::from_bits(bits);
-            if cost > MAX_COST {
+            if cost > max_cost {
                 return false;
             }
             if best[&state].0 < cost {

@@ -18,17 +18,20 @@ pub(super) enum VertexKind {
     Corner(u32),
 }
 
+/// The side `2 c` or `2 c + 1` of curve `c`: that at the left of its direction, or at the right.
+pub(super) type CurveSide = u32;
+
 /// The creases of faces, and the kind of each vertex. Without creases, both are empty.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CreaseEdges {
-    /// The number of its curve, for each directed edge on a crease.
-    pub(super) curves: EdgeMap<u32>,
+    /// For each directed edge on a crease, the side of its curve that lies at its left.
+    pub(super) sides: EdgeMap<CurveSide>,
     pub(super) kinds: Vec<VertexKind>,
 }
 
 impl CreaseEdges {
     pub(super) fn is_empty(&self) -> bool {
-        self.curves.is_empty()
+        self.sides.is_empty()
     }
 
     pub(super) fn kind(&self, v: u32) -> VertexKind {
@@ -40,27 +43,32 @@ impl CreaseEdges {
     }
 
     pub(super) fn has(&self, (a, b): (u32, u32)) -> bool {
-        self.curve((a, b)).is_some()
+        self.side((a, b)).is_some()
     }
 
     /// The number of the curve on which an edge lies.
     pub(super) fn curve(&self, edge: (u32, u32)) -> Option<u32> {
-        if self.curves.is_empty() { None } else { self.curves.get(&edge).copied() }
+        self.side(edge).map(|side| side / 2)
     }
 
-    pub(super) fn set(&mut self, (a, b): (u32, u32), curve: u32) {
-        self.curves.insert((a, b), curve);
-        self.curves.insert((b, a), curve);
+    /// The side of a curve at the left of an edge.
+    pub(super) fn side(&self, edge: (u32, u32)) -> Option<CurveSide> {
+        if self.sides.is_empty() { None } else { self.sides.get(&edge).copied() }
     }
 
-    fn remove(&mut self, (a, b): (u32, u32)) -> Option<u32> {
-        self.curves.remove(&(b, a));
-        self.curves.remove(&(a, b))
+    pub(super) fn set(&mut self, (a, b): (u32, u32), side: CurveSide) {
+        self.sides.insert((a, b), side);
+        self.sides.insert((b, a), side ^ 1);
+    }
+
+    fn remove(&mut self, (a, b): (u32, u32)) -> Option<CurveSide> {
+        self.sides.remove(&(b, a));
+        self.sides.remove(&(a, b))
     }
 
     /// Creases from the smaller vertex to the larger one, in ascending order.
     pub(super) fn sorted(&self) -> Vec<(u32, u32)> {
-        let mut all: Vec<(u32, u32)> = self.curves.keys().copied().filter(|(a, b)| a < b).collect();
+        let mut all: Vec<(u32, u32)> = self.sides.keys().copied().filter(|(a, b)| a < b).collect();
         all.sort_unstable();
         all
     }
@@ -92,19 +100,19 @@ impl CreaseEdges {
             return;
         }
         for &w in near {
-            if let Some(curve) = self.remove((gone, w)).filter(|_| w != kept) {
-                self.set((kept, w), curve);
+            if let Some(side) = self.remove((gone, w)).filter(|_| w != kept) {
+                self.set((kept, w), side);
             }
         }
     }
 
     /// Puts a new vertex between the ends of a crease.
     pub(super) fn insert_vertex(&mut self, (a, b): (u32, u32), between: u32) {
-        let Some(curve) = self.remove((a, b)) else { return };
+        let Some(side) = self.remove((a, b)) else { return };
         self.kinds.resize((between as usize + 1).max(self.kinds.len()), VertexKind::Free);
-        self.kinds[between as usize] = VertexKind::OnCurve(curve);
-        self.set((a, between), curve);
-        self.set((between, b), curve);
+        self.kinds[between as usize] = VertexKind::OnCurve(side / 2);
+        self.set((a, between), side);
+        self.set((between, b), side);
     }
 
     /// The same creases after vertices were numbered anew. Those without a number are [`u32::MAX`].
@@ -119,14 +127,14 @@ impl CreaseEdges {
         for (old, &number) in (0_u32..).zip(numbers).filter(|(_, number)| is_used(number)) {
             kinds[number as usize] = self.kind(old);
         }
-        let edges = self.curves.iter().filter_map(|(&(a, b), &curve)| Some(((new(a)?, new(b)?), curve)));
-        Self { curves: edges.collect(), kinds }
+        let edges = self.sides.iter().filter_map(|(&(a, b), &side)| Some(((new(a)?, new(b)?), side)));
+        Self { sides: edges.collect(), kinds }
     }
 }
 
-/// Target numbers of quads of the fans at corners: for each corner, by the curve at which the fan starts,
-/// counter-clockwise.
-pub(super) type FanTargets = Vec<HashMap<u32, usize>>;
+/// Target numbers of quads of the fans at corners: for each corner, by the side of the curve at which the fan
+/// starts, counter-clockwise.
+pub(super) type FanTargets = Vec<HashMap<CurveSide, usize>>;
 
 /// The quads around a vertex between two creases, or all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -157,10 +165,10 @@ impl Fan {
         // Clockwise to the crease at which the fan starts, then counter-clockwise to its end.
         let mut start = after(first);
         let mut steps = 0;
-        let curve = loop {
+        let side = loop {
             let Some(w) = start else { return whole };
-            if let Some(curve) = creases.curve((v, w)) {
-                break curve;
+            if let Some(side) = creases.side((v, w)) {
+                break side;
             }
             steps += 1;
             if steps > all {
@@ -178,7 +186,7 @@ impl Fan {
         }
         let target = match kind {
             VertexKind::Corner(number) => {
-                targets.get(number as usize).and_then(|fans| fans.get(&curve)).copied().unwrap_or(1)
+                targets.get(number as usize).and_then(|fans| fans.get(&side)).copied().unwrap_or(1)
             }
             _ => 2,
         };

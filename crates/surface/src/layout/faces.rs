@@ -103,6 +103,7 @@ pub(super) fn renumbered_with_numbers<const N: usize>(
 }
 
 /// The faces of a closed manifold.
+#[derive(Clone)]
 pub(super) struct Faces {
     faces: Vec<Option<Face>>,
     count: usize,

@@ -4,7 +4,8 @@
 //! the quarter turn and whole step nearest to its own. Agreement over long distances comes from levels with
 //! half as many vertices each, the coarsest first.
 //!
-//! Lattices on a crease have a direction along it and a position on it, and those at corners a position there.
+//! Lattices on a crease have a direction along it and a position on it. Those at corners have a position
+//! there.
 //!
 //! # References
 //! Jakob, Tarini, Panozzo, Sorkine-Hornung, *Instant field-aligned meshes*, ACM Transactions on Graphics 34,

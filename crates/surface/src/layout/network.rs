@@ -3,7 +3,7 @@
 //! A curve is a chain of creases between two corners, or a closed one. A corner is a vertex where other than
 //! two creases meet, or that is marked. A region is a part of the surface that creases separate from others.
 
-use super::creases::{CreaseEdges, Fan, FanTargets, VertexKind};
+use super::creases::{CreaseEdges, CurveSide, Fan, FanTargets, VertexKind};
 use super::faces::{EdgeMap, Faces};
 use super::{Layout, mesh_of};
 use planish_core::{DVec3, DisjointSets};
@@ -50,13 +50,10 @@ impl Curve {
     pub(super) fn nearest(&self, p: DVec3) -> (DVec3, DVec3) {
         let mut best = (f64::INFINITY, self.points[0], DVec3::X);
         for pair in self.points.windows(2) {
-            let way = pair[1] - pair[0];
-            let share =
-                ((p - pair[0]).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-            let on = pair[0] + share * way;
+            let on = on_segment(p, pair[0], pair[1]);
             let squared = p.distance_squared(on);
             if squared < best.0 {
-                best = (squared, on, way);
+                best = (squared, on, pair[1] - pair[0]);
             }
         }
         (best.1, best.2.normalize_or_zero())
@@ -86,6 +83,8 @@ pub(super) struct CreaseNetwork {
     /// The region of each triangle.
     region_of: Vec<u32>,
     regions: Vec<MeshSearch>,
+    /// The region of each side of each curve.
+    region_at: HashMap<CurveSide, u32>,
 }
 
 impl CreaseNetwork {
@@ -128,21 +127,13 @@ impl CreaseNetwork {
         for (number, &v) in (0..).zip(&corners) {
             own.edges.kinds[v as usize] = VertexKind::Corner(number);
         }
-        let ends = corners.len();
-        own.add_curves(mesh, &around, &mut corners);
+        own.add_curves(mesh, &around, &corners);
         own.add_targets(mesh, &left, &around, &corners, &creased.corners);
-        // The middles of loops are smooth.
-        for (targets, ends_curves) in own.targets.iter_mut().zip(&mut own.ends_curves).skip(ends) {
-            targets.values_mut().for_each(|target| *target = 2);
-            *ends_curves = false;
-        }
         own.add_regions(mesh, &left)?;
         Ok(own)
     }
 
-    /// Adds all curves. One that returns to its corner is two, so that it has one side at each of its ends:
-    /// its middle is added to the corners.
-    fn add_curves(&mut self, mesh: &TriangleMesh, around: &BTreeMap<u32, Vec<u32>>, corners: &mut Vec<u32>) {
+    fn add_curves(&mut self, mesh: &TriangleMesh, around: &BTreeMap<u32, Vec<u32>>, corners: &[u32]) {
         // Chains from corners first. What is left are closed curves.
         let starts: Vec<u32> = corners.iter().copied().chain(around.keys().copied()).collect();
         for start in starts {
@@ -158,14 +149,7 @@ impl CreaseNetwork {
                 {
                     chain.push(next);
                 }
-                let is_loop = chain.last() == Some(&start) && !self.edges.is_free(start);
-                let middle = if is_loop { chain.len() / 2 } else { 0 };
-                if is_loop {
-                    self.edges.kinds[chain[middle] as usize] = VertexKind::Corner(corners.len() as u32);
-                    corners.push(chain[middle]);
-                    self.add_curve(mesh, &chain[..=middle]);
-                }
-                self.add_curve(mesh, &chain[middle..]);
+                self.add_curve(mesh, &chain);
             }
         }
     }
@@ -173,7 +157,7 @@ impl CreaseNetwork {
     fn add_curve(&mut self, mesh: &TriangleMesh, chain: &[u32]) {
         let number = self.curves.len() as u32;
         for pair in chain.windows(2) {
-            self.edges.set((pair[0], pair[1]), number);
+            self.edges.set((pair[0], pair[1]), 2 * number);
         }
         for &v in
             chain.iter().filter(|&&v| self.edges.kinds[v as usize] == VertexKind::Free).collect::<Vec<_>>()
@@ -209,7 +193,7 @@ impl CreaseNetwork {
                         break;
                     }
                 }
-                fans.extend(self.edges.curve((v, start)).map(|curve| (curve, angle)));
+                fans.extend(self.edges.side((v, start)).map(|side| (side, angle)));
             }
             let targets = targets_of(&fans);
             self.targets.push(targets);
@@ -230,6 +214,9 @@ impl CreaseNetwork {
     fn add_regions(&mut self, mesh: &TriangleMesh, left: &EdgeMap<u32>) -> Result<()> {
         let faces: Vec<&[u32]> = mesh.triangles.iter().map(|t| &t[..]).collect();
         self.region_of = regions(&faces, &self.edges, left);
+        let at_creases =
+            self.edges.sides.iter().map(|(edge, &side)| (side, self.region_of[left[edge] as usize]));
+        self.region_at = at_creases.collect();
         let count = self.region_of.iter().max().map_or(0, |last| last + 1);
         for region in 0..count {
             let own = mesh_of(mesh, |t| self.region_of[t] == region)?;
@@ -305,8 +292,13 @@ impl CreaseNetwork {
                 }
                 let points: Vec<DVec3> = chain.iter().map(|&v| at(v)).collect();
                 let curve = self.curve_near(&points);
+                let ways = points.windows(2).map(|pair| {
+                    let along = self.curves[curve as usize].nearest(0.5 * (pair[0] + pair[1])).1;
+                    along.dot((pair[1] - pair[0]).normalize_or_zero())
+                });
+                let is_reversed = ways.sum::<f64>() < 0.0;
                 for pair in chain.windows(2) {
-                    edges.set((pair[0], pair[1]), curve);
+                    edges.set((pair[0], pair[1]), 2 * curve + u32::from(is_reversed));
                 }
                 for &v in chain
                     .iter()
@@ -318,6 +310,24 @@ impl CreaseNetwork {
             }
         }
         edges
+    }
+
+    /// Largest distance from a curve to its creases in a layout of a part of the mesh.
+    pub(super) fn largest_gap(&self, layout: &Layout) -> f64 {
+        let mut of_curve: BTreeMap<u32, Vec<[DVec3; 2]>> = BTreeMap::new();
+        for (edge, side) in self.edges_of(layout).sides {
+            let ends = [edge.0, edge.1].map(|v| layout.positions[v as usize]);
+            of_curve.entry(side / 2).or_default().push(ends);
+        }
+        let gap = |(curve, edges): (u32, Vec<[DVec3; 2]>)| {
+            let points = &self.curves[curve as usize].points;
+            let tested = points.iter().step_by(points.len().div_ceil(TESTED_POINTS).max(1));
+            let distance = |p: &DVec3| {
+                edges.iter().map(|&[a, b]| p.distance(on_segment(*p, a, b))).fold(f64::INFINITY, f64::min)
+            };
+            tested.map(distance).fold(0.0, f64::max)
+        };
+        of_curve.into_iter().map(gap).fold(0.0, f64::max)
     }
 
     /// The curve nearest to a chain of points and to the middles between them.
@@ -353,10 +363,10 @@ impl CreaseNetwork {
                 if matches!(coarse.kind(cell[k]), VertexKind::Corner(_)) {
                     positions[own as usize] = layout.positions[cell[k] as usize];
                 }
-                if let Some(curve) = coarse.curve((cell[k], cell[(k + 1) % 4])) {
-                    fine.kinds[middle as usize] = VertexKind::OnCurve(curve);
-                    fine.set((own, middle), curve);
-                    fine.set((middle, quarters[4 * c + (k + 1) % 4][(k + 1) % 4]), curve);
+                if let Some(side) = coarse.side((cell[k], cell[(k + 1) % 4])) {
+                    fine.kinds[middle as usize] = VertexKind::OnCurve(side / 2);
+                    fine.set((own, middle), side);
+                    fine.set((middle, quarters[4 * c + (k + 1) % 4][(k + 1) % 4]), side);
                 }
             }
         }
@@ -381,7 +391,7 @@ impl CreaseNetwork {
             });
         }
         let region_of = regions(faces, edges, &left);
-        let on = self.regions_on_mesh(faces, &region_of, positions, search);
+        let on = self.regions_on_mesh(faces, edges, &region_of, positions, search);
         let mut places: Vec<Place> = (0..positions.len()).map(|_| Place::On(search)).collect();
         for (face, &region) in faces.iter().zip(&region_of) {
             for &v in *face {
@@ -395,10 +405,12 @@ impl CreaseNetwork {
         places
     }
 
-    /// For each region of faces, that of the mesh on which most of some of its faces lie.
+    /// For each region of faces, that of the mesh beside the same curves. A region without creases is the one
+    /// on which most of its tested faces lie.
     fn regions_on_mesh(
         &self,
         faces: &[&[u32]],
+        edges: &CreaseEdges,
         region_of: &[u32],
         positions: &[DVec3],
         search: &MeshSearch,
@@ -417,8 +429,20 @@ impl CreaseNetwork {
             let on = search.closest_compatible(middle, normal, FRAC_PI_2).or_else(|| search.closest(middle));
             on.map_or(0, |on| self.region_of[on.triangle as usize])
         };
+        let at_creases = |face: &[u32]| {
+            let sides = (0..face.len()).filter_map(|k| edges.side((face[k], face[(k + 1) % face.len()])));
+            sides.filter_map(|side| self.region_at.get(&side).copied()).collect::<Vec<_>>()
+        };
         let found = members.iter().map(|own| {
             let mut votes: HashMap<u32, usize> = HashMap::new();
+            for region in own.iter().flat_map(|face| at_creases(face)) {
+                *votes.entry(region).or_default() += 1;
+            }
+            if let Some((&region, _)) =
+                votes.iter().max_by_key(|(region, count)| (**count, u32::MAX - **region))
+            {
+                return region;
+            }
             for face in own.iter().step_by(own.len().div_ceil(TESTED_FACES).max(1)) {
                 *votes.entry(region_near(face)).or_default() += 1;
             }
@@ -429,6 +453,12 @@ impl CreaseNetwork {
         });
         found.map(|region| region as usize).collect()
     }
+}
+
+/// The point of a segment nearest to a point.
+fn on_segment(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
+    let way = b - a;
+    a + ((p - a).dot(way) / way.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) * way
 }
 
 /// A position as a key.

@@ -3,24 +3,28 @@
 //! Pairs of triangles become quads. The triangles that are left are moved through quads until two meet: a
 //! triangle and a quad are a pentagon, which can be divided into a quad and a triangle at any other side. A
 //! closed surface has an even number of them. Then vertices of two quads are removed, quads are collapsed and
-//! edges are turned where that brings the numbers of quads at vertices nearer to four. Creases stay as they are,
-//! and beside them the numbers of quads between two creases count.
+//! edges are turned where that brings the numbers of quads at vertices nearer to four. Creases stay as they
+//! are, and at vertices on them the numbers of quads between two creases count.
 //!
 //! # References
 //! Tarini, Pietroni, Cignoni, Panozzo, Puppo, *Practical quad mesh simplification*, Computer Graphics Forum
 //! 29, 2010: the local changes.
 
-use super::creases::{CreaseEdges, Fan, FanTargets, STRAIGHT_QUAD, VertexKind};
+use super::creases::{CreaseEdges, CurveSide, Fan, FanTargets, STRAIGHT_QUAD, VertexKind};
 use super::decimation::Decimation;
 use super::faces::{Face, Faces};
 use planish_core::DVec3;
-use std::collections::{HashMap, HashSet, VecDeque};
-use std::f64::consts::FRAC_PI_2;
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Largest deviation of a corner of a quad from a right angle.
 const MAX_SKEW: f64 = 1.2;
 /// The same for quads beside a turned edge.
 const MAX_SKEW_TURNED: f64 = 1.5;
+/// Smallest angle at which a corner of a quad on a smooth crease is straight.
+const MIN_STRAIGHT: f64 = 5.0 / 6.0 * PI;
+/// Faces of all trials to remove straight corners, at most: each trial passes over all faces.
+const MAX_TRIED_FACES: usize = 40_000;
 
 type Edge = (u32, u32);
 /// For each face, the triangle from which it was reached, and the face and edge before it.
@@ -67,13 +71,13 @@ fn skew(corners: &[u32], at: &[DVec3]) -> f64 {
 impl Quads<'_> {
     /// Moves triangles until they meet in pairs. False if some are left.
     ///
-    /// They cross creases only if they can not meet otherwise: between its creases, a region has an odd number
-    /// of them if its border has an odd number of edges.
+    /// They cross creases only if they can not meet otherwise: a region between creases has an odd number of
+    /// them if its border has an odd number of edges.
     fn meet(&mut self, at: &mut Vec<DVec3>) -> bool {
         for crosses_creases in [false, true] {
             let mut blocked: HashSet<Edge> = HashSet::new();
             if !crosses_creases {
-                blocked.extend(self.creases.curves.keys());
+                blocked.extend(self.creases.sides.keys());
             }
             while let Some(mut path) = shortest_path(self.faces, &blocked) {
                 for k in 0..path.len() {
@@ -123,10 +127,8 @@ impl Quads<'_> {
         }
     }
 
-    /// Makes one vertex of the ends of a crease. The triangle at its left vanishes. Beyond it, another one
-    /// vanishes or a quad becomes a triangle.
+    /// Makes one vertex of the ends of a crease. Beside it, triangles vanish and quads become triangles.
     fn merge_across(&mut self, at: &mut [DVec3], edge: Edge, rest: &mut [Edge]) -> bool {
-        let Some(both) = self.faces.sides(edge) else { return false };
         let (a, b) = edge;
         let [kept, gone] = if self.creases.allows_merge(self.faces, a, b) {
             [a, b]
@@ -138,11 +140,15 @@ impl Quads<'_> {
         let near = self.faces.neighbours(gone).to_vec();
         let star: Vec<(u32, Face)> = self.faces.around(gone).collect();
         let old: Vec<u32> = star.iter().map(|(number, _)| *number).collect();
-        let rest_of_star = star.iter().filter(|(number, _)| !both.faces.contains(number));
-        let mut new: Vec<Face> = rest_of_star.map(|(_, face)| face.renamed(gone, kept)).collect();
-        if let [_, _, _, d, e] = both.corners[..] {
-            new.push(Face::triangle([kept, d, e]));
-        }
+        let left = star.iter().filter_map(|(_, face)| {
+            let others: Vec<u32> = face.corners_from(gone).skip(1).collect();
+            match (face.corners().contains(&kept), &others[..]) {
+                (false, _) => Some(face.renamed(gone, kept)),
+                (true, &[x, y, z]) => Some(Face::triangle([x, y, z])),
+                (true, _) => None,
+            }
+        });
+        let new: Vec<Face> = left.collect();
         if new.is_empty() || self.faces.replace(&old, &new).is_none() {
             return false;
         }
@@ -193,8 +199,8 @@ fn move_triangle(faces: &mut Faces, at: &[DVec3], edge: Edge, next: Edge) -> boo
     })
 }
 
-/// Both divisions of a pentagon into a triangle at an edge and a quad, that with the better quad first. None if
-/// it has no such edge.
+/// Both divisions of a pentagon into a triangle at an edge and a quad, that with the better quad first. None
+/// if it has no such edge.
 fn pentagon_ways(corners: [u32; 5], edge: Edge, at: &[DVec3]) -> Option<[([u32; 3], [u32; 4]); 2]> {
     let start = corners.iter().position(|&v| v == edge.0)?;
     let [p, q, r, s, t] = [0, 1, 2, 3, 4].map(|k| corners[(start + k) % 5]);
@@ -255,23 +261,154 @@ struct Quads<'a> {
 }
 
 /// Evens out the numbers of quads at vertices and in fans between creases, until no change makes them better.
-pub(super) fn even_out(faces: &mut Faces, creases: &mut CreaseEdges, targets: &FanTargets, at: &mut [DVec3]) {
+pub(super) fn even_out(
+    faces: &mut Faces,
+    creases: &mut CreaseEdges,
+    targets: &FanTargets,
+    at: &mut Vec<DVec3>,
+    adds_rings: bool,
+) {
     let mut own = Quads { faces, creases, targets };
-    loop {
-        let mut changes = 0;
-        for v in 0..at.len() as u32 {
-            changes += usize::from(own.faces.valence(v) == 2 && own.remove_vertex(v));
-        }
-        let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
-        changes += quads.into_iter().filter(|&quad| own.collapse(at, quad)).count();
-        changes += own.faces.edges().into_iter().filter(|&edge| own.turn(at, edge)).count();
-        if changes == 0 {
-            return;
-        }
+    own.change_while_better(at);
+    if own.creases.is_empty() {
+        return;
+    }
+    if adds_rings && own.add_rings(at) > 0 {
+        own.change_while_better(at);
+    }
+    own.remove_straight(at);
+    let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
+    if quads.into_iter().filter(|&quad| own.surround(at, quad)).count() > 0 {
+        own.change_while_better(at);
     }
 }
 
 impl Quads<'_> {
+    fn change_while_better(&mut self, at: &mut [DVec3]) {
+        loop {
+            let mut changes = 0;
+            for v in 0..at.len() as u32 {
+                changes += usize::from(self.faces.valence(v) == 2 && self.remove_vertex(v));
+            }
+            let quads: Vec<u32> = self.faces.all().map(|(number, _)| number).collect();
+            changes += quads.into_iter().filter(|&quad| self.collapse(at, quad)).count();
+            changes += self.faces.edges().into_iter().filter(|&edge| self.turn(at, edge)).count();
+            if changes == 0 {
+                return;
+            }
+        }
+    }
+
+    /// True if a crease passes a quad at its corner, so that the quad has nearly 180° there.
+    fn is_straight(&self, at: &[DVec3], v: u32, quad: u32) -> bool {
+        let fan = self.fan(v, quad);
+        let Some(face) = self.faces.face(quad) else { return false };
+        let corners: Vec<u32> = face.corners_from(v).collect();
+        let way = |w: u32| at[w as usize] - at[v as usize];
+        matches!(fan.kind, VertexKind::OnCurve(_))
+            && fan.quads == 1
+            && way(corners[1]).angle_between(way(corners[3])) > MIN_STRAIGHT
+    }
+
+    /// Removes vertices on creases at which quads have straight corners, as far as that is better after all
+    /// that follows from it: the two triangles that are left move to others.
+    fn remove_straight(&mut self, at: &mut Vec<DVec3>) {
+        let quads: Vec<(u32, Face)> = self.faces.all().collect();
+        let corners = quads.iter().flat_map(|(quad, face)| face.corners().iter().map(|&v| (v, *quad)));
+        let straight: Vec<u32> =
+            corners.filter(|&(v, quad)| self.is_straight(at, v, quad)).map(|(v, _)| v).collect();
+        let most = MAX_TRIED_FACES / self.faces.count().max(1);
+        let mut own = self.defect(at);
+        for v in straight.into_iter().take(most) {
+            let is_left = self.faces.around(v).any(|(face, _)| self.is_straight(at, v, face));
+            let on_crease = self.faces.neighbours(v).iter().copied().filter(|&w| self.creases.has((v, w)));
+            for w in on_crease.collect::<Vec<_>>().into_iter().filter(|_| is_left) {
+                let (mut faces, mut creases, mut moved) =
+                    (self.faces.clone(), self.creases.clone(), at.clone());
+                let mut tried = Quads { faces: &mut faces, creases: &mut creases, targets: self.targets };
+                if !tried.merge_across(&mut moved, (w, v), &mut []) || !tried.meet(&mut moved) {
+                    continue;
+                }
+                tried.change_while_better(&mut moved);
+                let then = tried.defect(&moved);
+                if then < own {
+                    own = then;
+                    (*self.faces, *self.creases, *at) = (faces, creases, moved);
+                    break;
+                }
+            }
+        }
+    }
+
+    /// The sum of the defects of all fans, with more for straight corners.
+    fn defect(&self, at: &[DVec3]) -> f64 {
+        let mut total = 0.0;
+        for (quad, face) in self.faces.all() {
+            for &v in face.corners() {
+                let fan = self.fan(v, quad);
+                total += fan.defect(0) as f64 / fan.quads.max(1) as f64;
+                total += if self.is_straight(at, v, quad) { STRAIGHT_QUAD as f64 } else { 0.0 };
+            }
+        }
+        total
+    }
+
+    /// Adds rings of quads beside closed creases at which quads have straight corners: these corners become
+    /// vertices with three quads. Returns the number of rings.
+    fn add_rings(&mut self, at: &mut Vec<DVec3>) -> usize {
+        let mut sides: BTreeMap<CurveSide, BTreeMap<u32, u32>> = BTreeMap::new();
+        for (&(a, b), &side) in &self.creases.sides {
+            sides.entry(side).or_default().insert(a, b);
+        }
+        sides.values().filter(|next| self.add_ring(at, next)).count()
+    }
+
+    /// Adds a ring at the left of a closed chain of creases, given by the next vertex of each.
+    fn add_ring(&mut self, at: &mut Vec<DVec3>, next: &BTreeMap<u32, u32>) -> bool {
+        if next.keys().any(|&v| !matches!(self.creases.kind(v), VertexKind::OnCurve(_))) {
+            return false;
+        }
+        // The faces at the left, with their corners on the chain.
+        let mut beside: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        let mut has_straight = false;
+        for (&v, &w) in next {
+            let mut start = Some(w);
+            while let Some((number, face)) = start.and_then(|w| self.faces.left_of(v, w)) {
+                beside.entry(number).or_default().push(v);
+                has_straight |= self.is_straight(at, v, number);
+                start = face.corners_from(v).last().filter(|&w| !self.creases.has((v, w)));
+            }
+        }
+        let touches_both_sides = beside.iter().any(|(&number, own)| {
+            let corners = self.faces.face(number);
+            corners.is_none_or(|face| face.corners().iter().any(|v| next.contains_key(v) && !own.contains(v)))
+        });
+        if !has_straight || touches_both_sides {
+            return false;
+        }
+        let mut inner: BTreeMap<u32, u32> = BTreeMap::new();
+        for &v in next.keys() {
+            let new = self.faces.add_vertex();
+            at.resize(new as usize + 1, DVec3::ZERO);
+            let own = beside.iter().filter(|(_, corners)| corners.contains(&v));
+            let others = own.filter_map(|(&number, _)| self.faces.face(number));
+            let others: Vec<DVec3> =
+                others.flat_map(|face| face.corners().to_vec()).map(|w| at[w as usize]).collect();
+            let middle = others.iter().sum::<DVec3>() / others.len().max(1) as f64;
+            at[new as usize] = 0.5 * (at[v as usize] + middle);
+            inner.insert(v, new);
+        }
+        let moved = beside.keys().filter_map(|&number| self.faces.face(number)).map(|face| {
+            face.corners()
+                .iter()
+                .fold(face, |face, v| inner.get(v).map_or(face, |&new| face.renamed(*v, new)))
+        });
+        let mut new: Vec<Face> = moved.collect();
+        new.extend(next.iter().map(|(v, w)| Face::quad([*v, *w, inner[w], inner[v]])));
+        let old: Vec<u32> = beside.keys().copied().collect();
+        self.faces.replace(&old, &new).is_some()
+    }
+
     fn fan(&self, v: u32, face: u32) -> Fan {
         Fan::new(self.faces, self.creases, self.targets, v, face)
     }
@@ -313,6 +450,33 @@ impl Quads<'_> {
             }
             is_merged
         })
+    }
+
+    /// Makes five quads of one, with a smaller one in its middle, if that makes valences better. It divides
+    /// straight corners of quads on creases.
+    fn surround(&mut self, at: &mut Vec<DVec3>, quad: u32) -> bool {
+        let Some(face) = self.faces.face(quad) else { return false };
+        let [a, b, c, d] = *face.corners() else { return false };
+        let outer = [a, b, c, d];
+        let gain: i64 =
+            (outer.iter().map(|&v| self.fan(v, quad))).map(|fan| fan.defect(0) - fan.defect(1)).sum();
+        // The four new vertices have three quads.
+        if gain <= 4 || !outer.iter().any(|&v| self.is_straight(at, v, quad)) {
+            return false;
+        }
+        let middle = outer.iter().map(|&v| at[v as usize]).sum::<DVec3>() / 4.0;
+        let inner = outer.map(|v| {
+            let new = self.faces.add_vertex();
+            at.resize(new as usize + 1, DVec3::ZERO);
+            at[new as usize] = 0.5 * (at[v as usize] + middle);
+            new
+        });
+        let mut quads = vec![Face::quad(inner)];
+        quads.extend((0..4).map(|k| {
+            let next = (k + 1) % 4;
+            Face::quad([outer[k], outer[next], inner[next], inner[k]])
+        }));
+        self.faces.replace(&[quad], &quads).is_some()
     }
 
     /// Turns the edge between two quads within their hexagon, if that makes valences better.
