@@ -542,17 +542,15 @@ mod tests {
         let points: Vec<DVec3> = (0..2000)
             .map(|k| [0.618_034, 0.754_878, 0.569_840].map(|step| (f64::from(k) * step).fract()))
             .map(|[u, v, w]| {
-                let along = 2.0 * half * v - half;
+                let (along, across) = (half * (2.0 * v - 1.0), half * (2.0 * w - 1.0));
                 let up = height * (2.0 * w - 1.0);
-                match (2.0 * (half + height) * u) as usize / 15 {
-                    0 => DVec3::new(along, 2.0 * half * w - half, height),
-                    1 => DVec3::new(along, 2.0 * half * w - half, -height),
-                    _ => [
-                        DVec3::new(half, along, up),
-                        DVec3::new(-half, along, up),
-                        DVec3::new(along, half, up),
-                        DVec3::new(along, -half, up),
-                    ][(k % 4) as usize],
+                match (100.0 * u) as u32 {
+                    0..44 => DVec3::new(along, across, height),
+                    44..88 => DVec3::new(along, across, -height),
+                    88..91 => DVec3::new(half, along, up),
+                    91..94 => DVec3::new(-half, along, up),
+                    94..97 => DVec3::new(along, half, up),
+                    _ => DVec3::new(along, -half, up),
                 }
             })
             .collect();
