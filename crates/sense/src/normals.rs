@@ -319,13 +319,16 @@ pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
 /// for a closed surface it is three times the volume over the area of a point, whatever the shape. A flat
 /// part, for which that is nearly zero, faces the side of the nearest points that it continues.
 ///
-/// The method is greedy growth over the neighbour graph, most parallel pairs first.
+/// The method is greedy growth over the neighbour graph, most reliable pairs first. Between two points, the
+/// surface is taken to be an arc, so the normal of one is the mirror image of the other's in the plane
+/// between them. The two sides of a thin wall then face away from each other, and edges pass signs on.
 ///
 /// # Errors
 /// `Undetermined` for fewer than three points.
 ///
 /// # References
-/// Hoppe et al., *Surface reconstruction from unorganized points*, 1992, §3.3.
+/// Hoppe et al., *Surface reconstruction from unorganized points*, 1992, §3.3 (growth); König, Gumhold,
+/// *Consistent propagation of normal orientations in point clouds*, 2009 (arcs between points).
 pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k: usize) -> Result<()> {
     let tree = tree(points)?;
     let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
@@ -334,9 +337,9 @@ pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k
         .collect();
     let mut growth = NormalGrowth { neighbours, done: fixed.to_vec(), queue: BinaryHeap::new() };
     for i in (0..points.len()).filter(|&i| fixed[i]) {
-        growth.push_neighbours(normals, i);
+        growth.push_neighbours(points, normals, i);
     }
-    growth.run(normals);
+    growth.run(points, normals);
     // Parts in the order of their farthest points, so that the largest comes first.
     let middle = mean(points);
     let mut seeds: Vec<u32> = (0..points.len() as u32).collect();
@@ -346,13 +349,13 @@ pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k
         if growth.done[seed] {
             continue;
         }
-        let turned = growth.turned_by_neighbour(normals, seed);
+        let turned = growth.turned_by_neighbour(points, normals, seed);
         if turned == Some(true) {
             normals[seed] = -normals[seed];
         }
         growth.done[seed] = true;
-        growth.push_neighbours(normals, seed);
-        let mut part = growth.run(normals);
+        growth.push_neighbours(points, normals, seed);
+        let mut part = growth.run(points, normals);
         part.push(seed);
         let place = |&i: &usize| points[i];
         let centre = mean(&part.iter().map(place).collect::<Vec<_>>());
@@ -383,7 +386,7 @@ struct NormalGrowth {
     /// The points around each.
     neighbours: Vec<Box<[u32]>>,
     done: Vec<bool>,
-    /// Agreement, and the numbers of a point and of its neighbour that is done.
+    /// Reliability, and the numbers of a point and of its neighbour that is done.
     queue: BinaryHeap<(u64, u32, u32)>,
 }
 
@@ -392,29 +395,29 @@ impl NormalGrowth {
         self.neighbours[i].iter().map(|&j| j as usize)
     }
 
-    fn push_neighbours(&mut self, normals: &[DVec3], i: usize) {
+    fn push_neighbours(&mut self, points: &[DVec3], normals: &[DVec3], i: usize) {
         for j in self.neighbours(i).filter(|&j| !self.done[j]).collect::<Vec<_>>() {
-            // The most parallel pair first (Hoppe et al. 1992): signs are passed on across sharp edges only
-            // if there is no other way. Ties go to the smaller index, so that the result is the same in
-            // every run.
-            self.queue.push((agreement(normals[i], normals[j]), u32::MAX - j as u32, i as u32));
+            // The most reliable pair first: signs are passed on across sharp edges only if there is no other
+            // way. Ties go to the smaller index, so that the result is the same in every run.
+            let arc = Arc::between(points, normals, i, j);
+            self.queue.push((arc.reliability, u32::MAX - j as u32, i as u32));
         }
     }
 
     /// Orients all points that the queue reaches, and returns them.
-    fn run(&mut self, normals: &mut [DVec3]) -> Vec<usize> {
+    fn run(&mut self, points: &[DVec3], normals: &mut [DVec3]) -> Vec<usize> {
         let mut reached = Vec::new();
         while let Some((_, j, i)) = self.queue.pop() {
             let (j, i) = ((u32::MAX - j) as usize, i as usize);
             if self.done[j] {
                 continue;
             }
-            if normals[i].dot(normals[j]) < 0.0 {
+            if Arc::between(points, normals, i, j).is_turned {
                 normals[j] = -normals[j];
             }
             self.done[j] = true;
             reached.push(j);
-            self.push_neighbours(normals, j);
+            self.push_neighbours(points, normals, j);
         }
         reached
     }
@@ -438,18 +441,34 @@ impl NormalGrowth {
         (is_beside && cosine.abs() > CONTINUES).then_some(cosine < 0.0)
     }
 
-    /// Whether the most parallel neighbour that is done faces the other side; none if no neighbour is done.
+    /// Whether the most reliable neighbour that is done faces the other side; none if no neighbour is done.
     /// It may have been done without passing its side on, because it has nearer neighbours.
-    fn turned_by_neighbour(&self, normals: &[DVec3], i: usize) -> Option<bool> {
-        let best = (self.neighbours(i).filter(|&j| self.done[j]))
-            .max_by_key(|&j| (agreement(normals[i], normals[j]), std::cmp::Reverse(j)))?;
-        Some(normals[i].dot(normals[best]) < 0.0)
+    fn turned_by_neighbour(&self, points: &[DVec3], normals: &[DVec3], i: usize) -> Option<bool> {
+        (self.neighbours(i).filter(|&j| self.done[j]))
+            .map(|j| (Arc::between(points, normals, j, i), std::cmp::Reverse(j)))
+            .max_by_key(|(arc, j)| (arc.reliability, *j))
+            .map(|(arc, _)| arc.is_turned)
     }
 }
 
-/// Agreement of two normals, in [0, 1], as an ordered integer.
-fn agreement(a: DVec3, b: DVec3) -> u64 {
-    (a.dot(b).abs() * 1e9) as u64
+/// The surface between two points, as an arc on which both lie.
+struct Arc {
+    /// True if the normals of its ends face different sides.
+    is_turned: bool,
+    /// From 0 to 1, as an ordered integer: how parallel the normals are along the arc, and how far it is from
+    /// leading through a wall. Of pairs across a wall some are as parallel as those on one side of it.
+    reliability: u64,
+}
+
+impl Arc {
+    fn between(points: &[DVec3], normals: &[DVec3], i: usize, j: usize) -> Self {
+        let across = (points[j] - points[i]).normalize_or_zero();
+        let expected = normals[i] - 2.0 * normals[i].dot(across) * across;
+        let agreement = expected.dot(normals[j]);
+        let through = normals[i].dot(across).abs().max(normals[j].dot(across).abs());
+        let reliability = agreement.abs() * (1.0 - through * through);
+        Self { is_turned: agreement < 0.0, reliability: (reliability.max(0.0) * 1e9) as u64 }
+    }
 }
 
 #[cfg(test)]
@@ -514,6 +533,39 @@ mod tests {
         orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
         let up = normals.iter().filter(|n| n.z > 0.0).count();
         assert!(up == 0 || up == points.len(), "{up} of {}", points.len());
+    }
+
+    /// A plate whose thickness is two spacings of its points: the nearest point of some is on its other side.
+    #[test]
+    fn sides_of_a_thin_plate_face_away_from_each_other() {
+        let (half, height) = (15.0, 1.0);
+        let points: Vec<DVec3> = (0..2000)
+            .map(|k| [0.618_034, 0.754_878, 0.569_840].map(|step| (f64::from(k) * step).fract()))
+            .map(|[u, v, w]| {
+                let (along, across) = (half * (2.0 * v - 1.0), half * (2.0 * w - 1.0));
+                let up = height * (2.0 * w - 1.0);
+                match (100.0 * u) as u32 {
+                    0..44 => DVec3::new(along, across, height),
+                    44..88 => DVec3::new(along, across, -height),
+                    88..91 => DVec3::new(half, along, up),
+                    91..94 => DVec3::new(-half, along, up),
+                    94..97 => DVec3::new(along, half, up),
+                    _ => DVec3::new(along, -half, up),
+                }
+            })
+            .collect();
+        let mut normals = cloud_geometry(&points, 8).unwrap().normals;
+        orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
+        let faces = points
+            .iter()
+            .zip(&normals)
+            .filter(|(p, n)| p.z.abs() == height && p.x.abs().max(p.y.abs()) < half - 2.0 && n.z.abs() > 0.7);
+        let (mut all, mut inwards) = (0, 0);
+        for (p, n) in faces {
+            all += 1;
+            inwards += usize::from(p.z * n.z < 0.0);
+        }
+        assert!(all > 1000 && inwards == 0, "{inwards} of {all} face into the plate");
     }
 
     #[test]

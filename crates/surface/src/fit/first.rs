@@ -18,7 +18,9 @@ use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, ErrorKind, Progress};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
+use planish_sense::Neighbourhoods;
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, choose_base_shape};
+use rayon::prelude::*;
 
 /// Approximate number of cells of the base grid, before it is adapted to many readings.
 ///
@@ -39,10 +41,15 @@ const SHAPE_SAMPLE: usize = 30_000;
 const MIN_SHAPE_SAMPLE: usize = 10;
 /// Smallest cosine between the normal of a star-shaped surface and the direction from its centre, and largest
 /// share of readings below it. They count where they are more than [`TURNED_BY_CHANCE`] of the readings in
-/// their direction, because normals of noisy readings and of gross errors may be wrong.
+/// their direction, or more than [`TURNED_TOGETHER`] of their nearest readings, because normals of noisy
+/// readings and of gross errors may be wrong. The wall of a hole through a plate is a small part of all
+/// readings in each direction.
 const MIN_STAR_COSINE: f64 = 0.25;
 const MAX_TURNED: f64 = 0.005;
 const TURNED_BY_CHANCE: f64 = 0.2;
+const TURNED_TOGETHER: f64 = 0.5;
+/// Nearest readings, more than those from which normals are estimated.
+const NEAREST: usize = 24;
 /// Directions from the centre, around the axis and along it.
 const DIRECTIONS: [usize; 2] = [16, 8];
 
@@ -80,7 +87,7 @@ pub(super) fn first_surface(
     // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
-    let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals);
+    let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals)?;
     // Splines over a ball are smooth, and cannot follow sharp edges.
     let may_lie_over_quads = base.shape == Shape::Ball && size >= MIN_FOR_HANDLES;
     if let Some(handles) = options.handles().filter(|_| may_lie_over_quads)
@@ -139,7 +146,7 @@ fn if_determined<T>(found: Result<T>) -> Result<Option<T>> {
 /// of what it grew into, and cells follow smooth shape less well over uneven parameters: 95 % intervals of
 /// balls of 1000 readings covered 0.82 to 0.93, and errors were up to three times those of a draped surface
 /// (decision 0109).
-fn is_star_shaped(base: &BaseShape, points: &[DVec3], normals: &[DVec3]) -> bool {
+fn is_star_shaped(base: &BaseShape, points: &[DVec3], normals: &[DVec3]) -> Result<bool> {
     // In coordinates in which the base is the unit ball.
     let is_turned = |(point, normal): (DVec3, DVec3)| {
         let (from_centre, normal): ([f64; 3], [f64; 3]) = (
@@ -149,20 +156,32 @@ fn is_star_shaped(base: &BaseShape, points: &[DVec3], normals: &[DVec3]) -> bool
         let (from_centre, normal) = (DVec3::from(from_centre), DVec3::from(normal));
         from_centre.dot(normal) < MIN_STAR_COSINE * from_centre.length() * normal.length()
     };
-    // Readings, and turned ones, by directions from the centre.
-    let mut counts = vec![[0_usize; 2]; DIRECTIONS[0] * DIRECTIONS[1]];
-    for (point, normal) in points.iter().zip(normals) {
-        let [u, v] = base.parameters(*point);
-        let at = |share: f64, cells: usize| ((share * cells as f64) as usize).min(cells - 1);
-        let count = &mut counts[at(u, DIRECTIONS[0]) + DIRECTIONS[0] * at(v, DIRECTIONS[1])];
-        count[0] += 1;
-        count[1] += usize::from(is_turned((*point, *normal)));
+    let turned: Vec<bool> = points.par_iter().zip(normals).map(|(p, n)| is_turned((*p, *n))).collect();
+    let most = MAX_TURNED * points.len() as f64;
+    let count =
+        |counts: &dyn Fn(usize) -> bool| (0..points.len()).filter(|&i| turned[i] && counts(i)).count() as f64;
+    if count(&|_| true) <= most {
+        return Ok(true);
     }
-    let turned: usize = (counts.iter())
-        .filter(|[all, turned]| *turned as f64 > TURNED_BY_CHANCE * *all as f64)
-        .map(|[_, turned]| turned)
-        .sum();
-    turned as f64 <= MAX_TURNED * points.len() as f64
+    let near = Neighbourhoods::new(points, NEAREST)?;
+    // Readings, and turned ones, by directions from the centre.
+    let at = |share: f64, cells: usize| ((share * cells as f64) as usize).min(cells - 1);
+    let direction = |i: usize| {
+        let [u, v] = base.parameters(points[i]);
+        at(u, DIRECTIONS[0]) + DIRECTIONS[0] * at(v, DIRECTIONS[1])
+    };
+    let mut counts = vec![[0_usize; 2]; DIRECTIONS[0] * DIRECTIONS[1]];
+    for (i, turned) in turned.iter().enumerate() {
+        let count = &mut counts[direction(i)];
+        count[0] += 1;
+        count[1] += usize::from(*turned);
+    }
+    let is_no_chance = |i: usize| {
+        let [all, own] = counts[direction(i)];
+        own as f64 > TURNED_BY_CHANCE * all as f64
+            || near.share(i, |j| Some(turned[j])).is_some_and(|share| share > TURNED_TOGETHER)
+    };
+    Ok(count(&is_no_chance) <= most)
 }
 
 /// The base shape of the starting surface alone.

@@ -348,24 +348,23 @@ fn place_of(cell: usize, depth: usize) -> (usize, [f64; 2]) {
 /// The border of the solid that points with outward normals enclose: the level set of the weakest blur of
 /// which the topology is the wanted one, or that of the next blur as well.
 ///
+/// A wall that is thinner than three cells is gone at all blurs but the weakest, so a grid that shows no
+/// topology is followed by one with half the cells.
+///
 /// # Errors
 /// `Undetermined` if the topology depends on the blur, or is the wanted one at none.
 pub(super) fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Result<TriangleMesh> {
-    let indicator = Indicator::on_grid(points, normals, grid_cells(points)?);
-    let mut before: Option<(TriangleMesh, [usize; 2])> = None;
-    let mut all_handles = Vec::new();
-    for blur in BLURS {
-        let field = indicator.blurred(MIN_BLUR_CELLS * blur * indicator.cell());
-        // A blurred field needs no finer cells than its blur.
-        let mesh = level_set(&field, field.level(points), blur * field.cell())?;
-        let own @ [_, handles] = bodies_and_handles(&mesh);
-        match (wanted, before) {
-            (Handles::Exactly(number), _) if number == handles => return Ok(mesh),
-            (Handles::AsSeen, Some((finer, last))) if last == own => return Ok(finer),
-            _ => {}
+    let cells = grid_cells(points)?;
+    let (found, mut all_handles) = steady_level_set(points, normals, wanted, cells)?;
+    if let Some(mesh) = found {
+        return Ok(mesh);
+    }
+    if cells < MAX_CELLS {
+        let (found, finer) = steady_level_set(points, normals, wanted, (2 * cells).min(MAX_CELLS))?;
+        if let Some(mesh) = found {
+            return Ok(mesh);
         }
-        all_handles.push(handles.to_string());
-        before = Some((mesh, own));
+        all_handles = finer;
     }
     let found = all_handles.join(", ");
     Err(Error::undetermined(match wanted {
@@ -378,6 +377,33 @@ pub(super) fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handle
              smoothness: add readings, or specify another genus"
         ),
     }))
+}
+
+/// The level set on one grid, if one has the topology, and the numbers of handles from weak to strong blur.
+fn steady_level_set(
+    points: &[DVec3],
+    normals: &[DVec3],
+    wanted: Handles,
+    cells: usize,
+) -> Result<(Option<TriangleMesh>, Vec<String>)> {
+    let indicator = Indicator::on_grid(points, normals, cells);
+    let mut before: Option<(TriangleMesh, [usize; 2])> = None;
+    let mut all_handles = Vec::new();
+    for blur in BLURS {
+        let field = indicator.blurred(MIN_BLUR_CELLS * blur * indicator.cell());
+        // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles instead
+        // of 1.
+        let mesh = level_set(&field, field.level(points), field.cell())?;
+        let own @ [_, handles] = bodies_and_handles(&mesh);
+        all_handles.push(handles.to_string());
+        match (wanted, before) {
+            (Handles::Exactly(number), _) if number == handles => return Ok((Some(mesh), all_handles)),
+            (Handles::AsSeen, Some((finer, last))) if last == own => return Ok((Some(finer), all_handles)),
+            _ => {}
+        }
+        before = Some((mesh, own));
+    }
+    Ok((None, all_handles))
 }
 
 /// Grid cells along each side: about one for the median spacing of points.

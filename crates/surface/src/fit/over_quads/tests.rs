@@ -1,7 +1,8 @@
 //! Fits of objects with handles.
 
-use super::{Draft, is_piece, leaf_areas};
+use super::{Draft, bodies_and_handles, enclosing_mesh, is_piece, leaf_areas};
 use crate::export::{BrepOptions, brep_from_model, mesh_from_model};
+use crate::fit::options::Handles;
 use crate::fit::{Fit, FitOptions, FitVerdict, GlobalOptions, Strategy, fit};
 use crate::layout::{Layout, LayoutMesh};
 use planish_core::{BoundingBox, DVec3, Silent};
@@ -12,6 +13,7 @@ use planish_spline::{Hierarchy, Surface};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 pub(super) const SIGMA: f64 = 0.1;
@@ -167,4 +169,35 @@ fn distances_fall_with_the_size_of_cells() {
     // Cells at extraordinary vertices have order 2 and shrink, so their share of the mean square is order 3.
     assert!(order(2, 0) > 2.8 && order(3, 0) > 2.5, "{found:?}");
     assert!(order(2, 1) > 3.7 && order(3, 1) > 3.0, "{found:?}");
+}
+
+/// Points all over a pipe of radius 1 and length 2 with a thin wall, with normals.
+fn pipe(count: usize, wall: f64) -> (Vec<DVec3>, Vec<DVec3>) {
+    let rim = wall * (1.0 - 0.5 * wall);
+    let all = 2.0 + 2.0 * (1.0 - wall) + 2.0 * rim;
+    let (across, side) = (DVec3::new(0.8, 0.0, -0.6), DVec3::new(-0.48, 0.6, -0.64));
+    let axis = across.cross(side);
+    (0..count)
+        .map(|k| {
+            let [u, v, w] = [0.618_034, 0.754_878, 0.569_840].map(|step| (k as f64 * step).fract());
+            let angle = TAU * v;
+            let out = angle.cos() * across + angle.sin() * side;
+            match all * u {
+                at if at < 2.0 => (out + (2.0 * w - 1.0) * axis, out),
+                at if at < all - 2.0 * rim => ((1.0 - wall) * out + (2.0 * w - 1.0) * axis, -out),
+                at => {
+                    let end = if at < all - rim { axis } else { -axis };
+                    ((1.0 - wall * w) * out + end, end)
+                }
+            }
+        })
+        .unzip()
+}
+
+#[test]
+fn a_wall_of_two_grid_cells_has_no_handles_between_its_sides() {
+    // Wall 0.08, grid cells 0.046.
+    let (points, normals) = pipe(5000, 0.08);
+    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
+    assert_eq!(bodies_and_handles(&mesh), [1, 1]);
 }
