@@ -9,6 +9,7 @@
 //! | sides | a patch of one side around each reading |
 //! | crossings | edges of the mesh between two sides, and the points of creases on them |
 //! | sharpened | a mesh whose edges run along creases |
+//! | gaps | paths that close gaps |
 //! | chains | short creases and corners |
 //!
 //! Edges of less than 18°, and round ones with a radius above about two spacings, are no creases.
@@ -23,6 +24,7 @@
 
 mod chains;
 mod crossings;
+mod gaps;
 mod patch;
 mod sharpened;
 mod sides;
@@ -43,8 +45,6 @@ use sides::Cloud;
 const SHORTEST_EDGE: f64 = 0.6;
 /// Edges of the mesh, at least, in σ.
 const MIN_EDGE_SIGMAS: f64 = 4.0;
-/// Readings near which the surface is not smooth, at least. A crease of ten spacings has more beside it.
-const MIN_ROUGH: usize = 40;
 /// Faces turned over, at most, as a share of the edges on creases.
 const MAX_TURNED_OVER: f64 = 0.05;
 
@@ -62,10 +62,7 @@ pub(super) fn with_creases(
 ) -> Result<CreasedMesh> {
     let smooth = |mesh| Ok(CreasedMesh::smooth(mesh));
     let mut cloud = Cloud::new(points, normals, sigma)?;
-    let sides = cloud.sides();
-    if sides.iter().flatten().filter(|side| !side.is_smooth).count() < MIN_ROUGH {
-        return smooth(mesh);
-    }
+    let Some(sides) = cloud.sides() else { return smooth(mesh) };
     // Noise would turn shorter edges of a crease around.
     let unit = cloud.spacing.max(MIN_EDGE_SIGMAS / SHORTEST_EDGE * cloud.scales.height);
     let coarse = without_short_edges(&mesh, SHORTEST_EDGE * unit)?;

@@ -36,7 +36,7 @@ const MAX_MOVE: f64 = 1.2;
 const MAX_CORNER_MOVE: f64 = 2.0;
 
 /// The sides that a vertex or face lies on, as numbers of patches: one, two on a crease, three at a corner.
-type Sides = [u32; 3];
+pub(super) type Sides = [u32; 3];
 
 /// A mesh that changes, with sides.
 pub(super) struct SharpMesh {
@@ -103,7 +103,8 @@ impl SharpMesh {
         self.side_of_face.push(side);
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    /// Makes an edge a crease.
+    pub(super) fn join(&mut self, a: u32, b: u32) {
         self.creases[a as usize].insert(b);
         self.creases[b as usize].insert(a);
     }
@@ -176,6 +177,7 @@ impl SharpMesh {
                 self.at[v] = placed;
             }
         }
+        self.close_gaps();
         for _ in 0..CREASE_ROUNDS {
             self.even_out_creases();
         }
@@ -216,14 +218,41 @@ impl SharpMesh {
 
     /// The point on the sides of a vertex near `p`, if it is not far.
     fn placed(&self, v: usize, p: DVec3) -> Option<DVec3> {
-        let sides: Vec<Patch> =
-            self.sides[v].iter().filter(|i| **i != NONE).map(|&i| self.patches[i as usize]).collect();
-        let placed = match sides[..] {
+        self.on_sides(self.sides[v], p)
+    }
+
+    /// The point near `p` on some sides, if it is not far.
+    pub(super) fn on_sides(&self, sides: Sides, p: DVec3) -> Option<DVec3> {
+        let numbers = sides.iter().filter(|i| **i != NONE);
+        let patches: Vec<Patch> = numbers.map(|&i| self.patches[i as usize]).collect();
+        let placed = match patches[..] {
             [] => return None,
             [patch] => patch.foot(p),
-            _ => meeting(&sides, p)?,
+            _ => meeting(&patches, p)?,
         };
         (placed.is_finite() && placed.distance(p) < MAX_MOVE * self.spacing).then_some(placed)
+    }
+
+    /// Neighbours of a vertex along creases.
+    pub(super) fn creases(&self, v: u32) -> &BTreeSet<u32> {
+        &self.creases[v as usize]
+    }
+
+    /// The sides of a vertex.
+    pub(super) fn sides(&self, v: u32) -> Sides {
+        self.sides[v as usize]
+    }
+
+    /// Moves a vertex to other sides.
+    pub(super) fn put_on(&mut self, v: u32, sides: Sides) {
+        if let Some(placed) = self.on_sides(sides, self.at[v as usize]) {
+            (self.at[v as usize], self.sides[v as usize]) = (placed, sides);
+        }
+    }
+
+    /// Spacing of the readings, or more where noise is strong.
+    pub(super) fn spacing(&self) -> f64 {
+        self.spacing
     }
 
     /// Twice the area over that of an even triangle with edges of the same squared length, negative if the
@@ -250,7 +279,8 @@ impl SharpMesh {
         self.around[v as usize].iter().copied()
     }
 
-    fn neighbours(&self, v: u32) -> Vec<u32> {
+    /// Neighbours of a vertex.
+    pub(super) fn neighbours(&self, v: u32) -> Vec<u32> {
         // The face after each neighbour has another one, so each occurs once as the next corner.
         self.star(v).map(|f| self.after(f, v)).collect()
     }

@@ -33,6 +33,10 @@ const MIN_GATE: f64 = 0.12;
 const SMOOTH_SIGMAS: f64 = 1.45;
 const SMOOTH_SLOPES: f64 = 1.6;
 const SMOOTH_TURN: f64 = 0.13;
+/// Readings near which the surface is not smooth, at least, if there are creases; they have this share of
+/// such readings around them. A crease of ten spacings has more beside it, noise has fewer.
+const MIN_ROUGH: usize = 40;
+const ROUGH_SHARE: f64 = 0.3;
 /// Residuals of plain fits of this share of the readings are taken as noise.
 const NOISE_SHARE: f64 = 0.25;
 /// Bounds of σ of normals.
@@ -112,8 +116,9 @@ impl<'a> Cloud<'a> {
         Weighted { point: self.points[i as usize], normal: self.normals[i as usize], weight }
     }
 
-    /// Patches of all readings, with σ of heights and slopes as the plain fits show it.
-    pub(super) fn sides(&mut self) -> Vec<Option<Side>> {
+    /// Patches of all readings, with σ of heights and slopes as the plain fits show it; none if the surface is
+    /// smooth everywhere.
+    pub(super) fn sides(&mut self) -> Option<Vec<Option<Side>>> {
         let plain: Vec<Option<(Plain, Near)>> =
             (0..self.points.len()).into_par_iter().with_min_len(64).map(|i| self.plain(i)).collect();
         let share = |values: &mut Vec<f64>, share: f64| -> f64 {
@@ -130,11 +135,24 @@ impl<'a> Cloud<'a> {
         let turned = share(&mut found().map(|(plain, _)| plain.turned).collect(), 0.5);
         self.scales.slope = turned.clamp(SLOPE_SIGMAS[0], SLOPE_SIGMAS[1]);
         let (patches, near): (Vec<_>, Vec<_>) = plain.into_iter().map(Option::unzip).unzip();
-        let mut sides = self.made_sides(&patches, &near, &vec![None; near.len()]);
+        let sides = self.made_sides(&patches, &near, &vec![None; near.len()]);
+        if self.is_smooth_everywhere(&sides) {
+            return None;
+        }
         // Estimated normals are wrong next to edges. Those of patches are not.
         self.sharpen_normals(&sides);
-        sides = self.made_sides(&patches, &near, &sides);
-        sides
+        Some(self.made_sides(&patches, &near, &sides))
+    }
+
+    /// True unless there are places where the surface is not smooth at many readings next to each other.
+    fn is_smooth_everywhere(&self, sides: &[Option<Side>]) -> bool {
+        let is_rough = |i: usize| sides[i].is_some_and(|side| !side.is_smooth);
+        let among_rough = |&i: &usize| {
+            let near = self.near(self.points[i], NEAREST).indices;
+            let rough = near.iter().filter(|j| is_rough(**j as usize)).count();
+            rough as f64 >= ROUGH_SHARE * near.len() as f64
+        };
+        (0..sides.len()).filter(|&i| is_rough(i)).filter(among_rough).nth(MIN_ROUGH).is_none()
     }
 
     /// The side of each reading: a plain patch if it is as good as the noise. Smooth ones of `known` stay.
