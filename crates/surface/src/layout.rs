@@ -119,6 +119,11 @@ impl LayoutMesh {
         &self.mesh
     }
 
+    /// The mesh alone, of which others can be prepared.
+    pub(crate) fn into_mesh(self) -> TriangleMesh {
+        self.mesh
+    }
+
     /// The search for its nearest points.
     pub(crate) fn search(&self) -> &MeshSearch {
         &self.search
