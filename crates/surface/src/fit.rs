@@ -19,6 +19,7 @@ mod batches;
 mod bending;
 mod bending_energy;
 mod bending_report;
+mod block_ranges;
 mod creases;
 mod division;
 mod drape;

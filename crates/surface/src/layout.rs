@@ -116,7 +116,7 @@ pub struct LayoutMesh {
     parts: Vec<Part>,
     area: f64,
     most: usize,
-    mesh: TriangleMesh,
+    creased: CreasedMesh,
     search: MeshSearch,
     network: CreaseNetwork,
 }
@@ -199,13 +199,18 @@ impl LayoutMesh {
             )
         };
         let parts = (0..check.components as u32).map(part).collect::<Result<_>>()?;
-        Ok(Self { parts, area, most, search: MeshSearch::try_new(mesh)?, network, mesh: creased.mesh })
+        Ok(Self { parts, area, most, search: MeshSearch::try_new(mesh)?, network, creased })
     }
 
     /// The mesh.
     #[must_use]
     pub fn mesh(&self) -> &TriangleMesh {
-        &self.mesh
+        &self.creased.mesh
+    }
+
+    /// The mesh alone, of which others can be prepared.
+    pub(crate) fn into_mesh(self) -> CreasedMesh {
+        self.creased
     }
 
     /// The search for its nearest points.

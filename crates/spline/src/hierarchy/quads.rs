@@ -16,24 +16,63 @@ use crate::quad_domain::{
 };
 use crate::unknowns::CreaseNode;
 use planish_estimate::{Error, Result};
+use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
+use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 /// Levels between a cell at an extraordinary vertex and its leaves.
 const PIECE_LEVELS: u8 = PIECES.trailing_zeros() as u8;
 
+/// Quads that one thread finds the leaves of at a time. The numbers do not depend on it.
+const QUADS_PER_WALK: usize = 32;
+
 /// Weighted nodes.
 pub(crate) type Combination = Vec<(u32, f64)>;
 
+/// A map from numbers or cells, which come from no one who could choose them to collide.
+type NumberMap<K, V> = HashMap<K, V, BuildHasherDefault<NumberHasher>>;
+
+/// Hashes a few numbers.
+#[derive(Debug, Default)]
+pub(super) struct NumberHasher(u64);
+
+impl Hasher for NumberHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_u64(byte.into()));
+    }
+
+    fn write_u8(&mut self, number: u8) {
+        self.write_u64(number.into());
+    }
+
+    fn write_u32(&mut self, number: u32) {
+        self.write_u64(number.into());
+    }
+
+    fn write_u64(&mut self, number: u64) {
+        // An odd factor near 2⁶⁴ divided by the golden ratio spreads numbers over the upper bits.
+        self.0 = (self.0.rotate_left(26) ^ number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    }
+
+    fn write_usize(&mut self, number: usize) {
+        self.write_u64(number as u64);
+    }
+}
+
 /// The node of each vertex of a level.
-pub(super) type LevelNodes = HashMap<usize, u32>;
+pub(super) type LevelNodes = NumberMap<usize, u32>;
 
 /// What a hierarchy over a domain of quads knows besides its leaves.
 #[derive(Debug, Clone)]
 pub(super) struct OverQuads {
     pub(super) domain: Arc<QuadDomain>,
     /// For each cell at an extraordinary vertex that is not split, the first of its leaves.
-    pub(super) first_piece: HashMap<Cell, u32>,
+    pub(super) first_piece: NumberMap<Cell, u32>,
     /// For each level, the nodes of its vertices.
     nodes: Vec<LevelNodes>,
     /// The nodes on creases, in ascending order, and the node of each further unknown.
@@ -45,7 +84,7 @@ impl OverQuads {
     fn new(domain: &Arc<QuadDomain>) -> Self {
         Self {
             domain: Arc::clone(domain),
-            first_piece: HashMap::new(),
+            first_piece: NumberMap::default(),
             nodes: Vec::new(),
             crease_nodes: Vec::new(),
             further_unknowns: Vec::new(),
@@ -95,7 +134,7 @@ impl OverQuads {
     /// The nodes of a finer hierarchy over the same domain as weighted nodes of this one.
     fn refined_nodes(&self, finer: &Self) -> Vec<Combination> {
         let mut known = Coefficients::new(self);
-        let mut found = vec![Vec::new(); finer.nodes.iter().map(HashMap::len).sum()];
+        let mut found = vec![Vec::new(); finer.nodes.iter().map(|nodes| nodes.len()).sum()];
         for (level, nodes) in finer.nodes.iter().enumerate() {
             for (&vertex, &node) in nodes {
                 found[node as usize] = known.of(level, vertex).clone();
@@ -109,7 +148,7 @@ impl OverQuads {
 struct Coefficients<'a> {
     over: &'a OverQuads,
     /// For each level, those that are no nodes and were asked for.
-    known: Vec<HashMap<usize, Combination>>,
+    known: Vec<NumberMap<usize, Combination>>,
     one: Combination,
 }
 
@@ -124,7 +163,7 @@ impl<'a> Coefficients<'a> {
             return &self.one;
         }
         if self.known.len() <= level {
-            self.known.resize_with(level + 1, HashMap::new);
+            self.known.resize_with(level + 1, NumberMap::default);
         }
         if !self.known[level].contains_key(&vertex) {
             let mut sum: Combination = Vec::new();
@@ -273,17 +312,38 @@ impl Hierarchy {
 
     pub(super) fn build_over(domain: Arc<QuadDomain>, split: Vec<Vec<bool>>) -> Self {
         let (mut made, mut over) = Self::numbered_over(&domain, split);
-        let quads = made.base[0] as u32;
-        let mut walk = QuadWalk {
-            levels: (0..made.split.len()).map(|level| Level::new(&domain, level)).collect(),
-            coefficients: Coefficients::new(&over),
-            first_piece: HashMap::new(),
-            hierarchy: &mut made,
-        };
-        (0..quads).for_each(|i| walk.descend(Cell { level: 0, i, j: 0 }));
-        over.first_piece = walk.first_piece;
+        let quads: Vec<u32> = (0..made.base[0] as u32).collect();
+        let walks: Vec<QuadLeaves> = quads
+            .par_chunks(QUADS_PER_WALK)
+            .map(|own| {
+                let mut walk = QuadWalk {
+                    levels: (0..made.split.len()).map(|level| Level::new(&domain, level)).collect(),
+                    coefficients: Coefficients::new(&over),
+                    hierarchy: &made,
+                    found: QuadLeaves::default(),
+                };
+                own.iter().for_each(|&i| walk.descend(Cell { level: 0, i, j: 0 }));
+                walk.found
+            })
+            .collect();
+        walks.into_iter().for_each(|found| made.append(found, &mut over.first_piece));
         made.topology = Topology::Quads(over);
         made
+    }
+
+    /// Adds leaves after those found before.
+    fn append(&mut self, found: QuadLeaves, first_piece: &mut NumberMap<Cell, u32>) {
+        let (first_leaf, first_node) = (self.leaves.len() as u32, self.nodes.len() as u32);
+        for (cell, leaf) in found.whole_cells {
+            let level = usize::from(cell.level);
+            let place = cell.j as usize * grid(self.base, level)[0] + cell.i as usize;
+            self.leaf_number[level][place] = first_leaf + leaf;
+        }
+        first_piece.extend(found.first_piece.into_iter().map(|(cell, leaf)| (cell, first_leaf + leaf)));
+        self.leaves.extend(found.leaves);
+        self.offsets.extend(found.ends.into_iter().map(|end| first_node + end));
+        self.nodes.extend(found.nodes);
+        self.weights.extend(found.weights);
     }
 
     /// Numbers the nodes of a level, and stores their anchors.
@@ -294,17 +354,30 @@ impl Hierarchy {
             let neighbourhood = of_level.neighbourhood(level_cell(cell));
             neighbourhood.vertices().iter().for_each(|&vertex| is_used[vertex] = true);
         }
-        let mut nodes = LevelNodes::new();
-        for vertex in (0..is_used.len()).filter(|&vertex| is_used[vertex]) {
-            let users: Vec<Cell> =
-                of_level.users(vertex).into_iter().map(|cell| cell_of_level(cell, level)).collect();
-            if users.iter().all(|&cell| self.exists(cell)) && !users.iter().all(|&cell| self.is_split(cell)) {
-                nodes.insert(vertex, self.node_anchors.len() as u32);
-                let (quad, at) = of_level.nearest_inner_place(vertex);
-                let side = 1.0 / (1_u64 << level) as f64;
-                let [u, v] = at.map(|x| x as f64 * side);
-                self.node_anchors.push(in_quad(quad, [u, v]));
-            }
+        // The search for the cells that depend on a vertex takes the time; nodes are numbered in order after it.
+        let found: Vec<(usize, [f64; 2])> = (0..is_used.len())
+            .into_par_iter()
+            .with_min_len(256)
+            .filter(|&vertex| is_used[vertex])
+            .filter_map(|vertex| {
+                let users = of_level.users(vertex).into_iter().map(|cell| cell_of_level(cell, level));
+                let (mut exist, mut are_split) = (true, true);
+                for cell in users {
+                    exist &= self.exists(cell);
+                    are_split &= self.is_split(cell);
+                }
+                (exist && !are_split).then(|| {
+                    let (quad, at) = of_level.nearest_inner_place(vertex);
+                    let side = 1.0 / (1_u64 << level) as f64;
+                    (vertex, in_quad(quad, at.map(|x| x as f64 * side)))
+                })
+            })
+            .collect();
+        let mut nodes = LevelNodes::default();
+        nodes.reserve(found.len());
+        for (vertex, anchor) in found {
+            nodes.insert(vertex, self.node_anchors.len() as u32);
+            self.node_anchors.push(anchor);
         }
         nodes
     }
@@ -384,12 +457,25 @@ fn weighted_entries((vertices, weights): (&Weighted, [f64; 16])) -> impl Iterato
     vertices.iter().map(move |&(vertex, share)| (vertex, weights.map(|w| share * w)))
 }
 
+/// Leaves over some quads in order, with their extraction. Numbers count from the first of them.
+#[derive(Default)]
+struct QuadLeaves {
+    leaves: Vec<Cell>,
+    /// For each leaf, the number of nodes up to its last.
+    ends: Vec<u32>,
+    nodes: Vec<u32>,
+    weights: Vec<[f64; 16]>,
+    /// Cells that are leaves, and the first pieces of the others.
+    whole_cells: Vec<(Cell, u32)>,
+    first_piece: Vec<(Cell, u32)>,
+}
+
 /// Traversal that finds the leaves in order, with their extraction.
 struct QuadWalk<'a> {
     levels: Vec<Level<'a>>,
     coefficients: Coefficients<'a>,
-    hierarchy: &'a mut Hierarchy,
-    first_piece: HashMap<Cell, u32>,
+    hierarchy: &'a Hierarchy,
+    found: QuadLeaves,
 }
 
 impl QuadWalk<'_> {
@@ -413,7 +499,7 @@ impl QuadWalk<'_> {
                 self.add_leaf(cell, cell.level, entries.flat_map(weighted_entries));
             }
             Neighbourhood::Around { corner, shape, cell: number, vertices } => {
-                self.first_piece.insert(cell, self.hierarchy.leaves.len() as u32);
+                self.found.first_piece.push((cell, self.found.leaves.len() as u32));
                 let weights = &leaf_weights(shape)[number];
                 for row in 0..PIECES {
                     for column in 0..PIECES {
@@ -441,9 +527,7 @@ impl QuadWalk<'_> {
 
     /// The next leaf is this cell.
     fn number_leaf(&mut self, cell: Cell) {
-        let columns = grid(self.hierarchy.base, usize::from(cell.level))[0];
-        let place = cell.j as usize * columns + cell.i as usize;
-        self.hierarchy.leaf_number[usize::from(cell.level)][place] = self.hierarchy.leaves.len() as u32;
+        self.found.whole_cells.push((cell, self.found.leaves.len() as u32));
     }
 
     /// A leaf with the vertices of a level and their weights.
@@ -460,11 +544,11 @@ impl QuadWalk<'_> {
         }
         merged.retain(|(_, weights)| weights.iter().any(|&w| w != 0.0));
         merged.sort_unstable_by_key(|(node, _)| *node);
-        let hierarchy = &mut *self.hierarchy;
-        hierarchy.leaves.push(leaf);
-        hierarchy.nodes.extend(merged.iter().map(|(node, _)| node));
-        hierarchy.weights.extend(merged.iter().map(|(_, weights)| weights));
-        hierarchy.offsets.push(hierarchy.nodes.len() as u32);
+        let found = &mut self.found;
+        found.leaves.push(leaf);
+        found.nodes.extend(merged.iter().map(|(node, _)| node));
+        found.weights.extend(merged.iter().map(|(_, weights)| weights));
+        found.ends.push(found.nodes.len() as u32);
     }
 }
 

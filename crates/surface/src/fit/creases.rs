@@ -89,8 +89,7 @@ pub(super) fn with_creases(
 /// # Errors
 /// As for [`with_creases`].
 pub(super) fn may_have_creases(points: &[DVec3], normals: &[DVec3], sigma: f64) -> Result<bool> {
-    let sides = Cloud::new(points, normals, sigma)?.sides();
-    Ok(sides.iter().flatten().filter(|side| !side.is_smooth).count() >= MIN_ROUGH)
+    Ok(Cloud::new(points, normals, sigma)?.sides().is_some())
 }
 
 /// True for closed manifolds of the same components and handles.
