@@ -210,12 +210,12 @@ impl<'a> Draft<'a> {
         let space = Arc::new(Hierarchy::over(Arc::new(self.layouts[0].domain.clone()))?);
         let mut surface = Surface::new(space, self.layouts[0].positions.clone())?;
         for _ in 0..TIP_ROUNDS {
-            surface = self.interpolating(surface)?;
+            surface = self.interpolating(surface, INTERPOLATED * reach)?;
             if !self.reach_tips(&surface, reach)? {
                 break;
             }
         }
-        self.interpolating(surface)
+        self.interpolating(surface, INTERPOLATED * reach)
     }
 
     /// The surface that passes through positions of the finest division.
@@ -232,7 +232,7 @@ impl<'a> Draft<'a> {
                 break;
             }
             let finer = Arc::new(surface.space().refine(&marked));
-            surface = self.interpolating(surface.refined(finer)?)?;
+            surface = self.interpolating(surface.refined(finer)?, INTERPOLATED * reach)?;
         }
         Ok(surface)
     }
@@ -299,10 +299,10 @@ impl<'a> Draft<'a> {
         marked
     }
 
-    /// The surface with its nodes moved until it passes through the positions at their anchors.
+    /// The surface with its nodes moved until it passes through the positions at their anchors, up to `rest`.
     ///
     /// Richardson iteration `c ← c + x − S(ξ)`, as in [`planish_spline::fit_function`].
-    fn interpolating(&self, mut surface: Surface) -> Result<Surface> {
+    fn interpolating(&self, mut surface: Surface, rest: f64) -> Result<Surface> {
         let space = Arc::clone(surface.space());
         let wanted: Vec<(usize, [f64; 2], DVec3)> = (space.node_anchors().par_iter())
             .map(|&[u, v]| {
@@ -310,14 +310,13 @@ impl<'a> Draft<'a> {
                 (leaf, local, self.position([u, v]))
             })
             .collect();
-        let small = INTERPOLATED * NEAR * edge_of(self.meshed.mesh());
         for _ in 0..INTERPOLATION_STEPS {
             let gaps: Vec<DVec3> = (wanted.par_iter())
                 .map(|&(leaf, [s, t], wanted)| wanted - surface.leaf_point(leaf, s, t))
                 .collect();
             let vertices = surface.vertices().iter().zip(&gaps).map(|(vertex, gap)| *vertex + *gap);
             surface = surface.with_vertices(vertices.collect())?;
-            if gaps.iter().all(|gap| gap.length() < small) {
+            if gaps.iter().all(|gap| gap.length() < rest) {
                 break;
             }
         }
