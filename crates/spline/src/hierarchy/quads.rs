@@ -354,7 +354,7 @@ impl Hierarchy {
             let neighbourhood = of_level.neighbourhood(level_cell(cell));
             neighbourhood.vertices().iter().for_each(|&vertex| is_used[vertex] = true);
         }
-        // The search for the cells that depend on a vertex takes the time; nodes are numbered in order after it.
+        // The search for the cells that depend on a vertex takes the time. Nodes are numbered after it.
         let found: Vec<(usize, [f64; 2])> = (0..is_used.len())
             .into_par_iter()
             .with_min_len(256)

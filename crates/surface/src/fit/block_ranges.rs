@@ -1,8 +1,10 @@
 //! Ranges of the values of an indicator in blocks of grid cells.
 //!
-//! Input: a [`BlurredIndicator`]. Output: for any cube, whether a level can occur in it. Interpolated values lie
-//! between those at the corners of their grid cell, so the answer is exact up to the size of blocks. A bound of
-//! the slope alone leaves most of the solid and its surroundings to be searched for a level set.
+//! Input: a [`BlurredIndicator`]. Output: whether a level can occur in a cube. Interpolated values lie
+//! between those at the corners of their grid cell, so no cube that holds the level is excluded. A bound of
+//! the slope alone would leave most of the solid and its surroundings to be searched for a level set.
+//!
+//! Not guaranteed: that a cube holds the level, since its whole blocks are tested.
 
 use super::indicator::BlurredIndicator;
 use planish_core::DVec3;

@@ -34,8 +34,8 @@ const AMPLE_BLUR_CELLS: f64 = 1.7;
 /// the densities of different scans.
 const DENSITY_BLUR: f64 = 2.0;
 
-/// Numbers of a row that are turned together: two cache lines.
-const TURNED_TOGETHER: usize = 8;
+/// Columns and rows of a tile: two cache lines of each row.
+const TILE: [usize; 2] = [8, 32];
 
 /// The transformed indicator of a cloud.
 pub(super) struct Indicator {
@@ -301,15 +301,14 @@ fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
     // memory.
     for _ in 0..3 {
         grid.par_chunks_mut(n * n).for_each(|slab| plan.process(slab));
-        // Rotate the axes: the contiguous one becomes the slowest. Several numbers of a row are taken at a
-        // time, since they are in memory that is read at once.
+        // Rotate the axes: the contiguous one becomes the slowest. Small tiles are turned one after another,
+        // since rows are a multiple of a memory page apart and displace each other from the cache.
         let source = &*grid;
-        turned.par_chunks_mut(n * n * TURNED_TOGETHER).enumerate().for_each(|(chunk, slabs)| {
-            let first = chunk * TURNED_TOGETHER;
-            let count = slabs.len() / (n * n);
-            for (row, numbers) in source.chunks_exact(n).enumerate() {
-                for (k, number) in numbers[first..first + count].iter().enumerate() {
-                    slabs[k * n * n + row] = *number;
+        turned.par_chunks_mut(n * n * TILE[0]).enumerate().for_each(|(chunk, slabs)| {
+            for (tile, rows) in source.chunks(n * TILE[1]).enumerate() {
+                for (k, slab) in slabs.chunks_exact_mut(n * n).enumerate() {
+                    let line = slab[tile * TILE[1]..].iter_mut().zip(rows.chunks_exact(n));
+                    line.for_each(|(number, row)| *number = row[chunk * TILE[0] + k]);
                 }
             }
         });

@@ -156,7 +156,7 @@ fn distances_fall_with_the_size_of_cells() {
         let cells = layout.domain.cells().len();
         let start = Surface::new(space, layout.positions.clone()).unwrap();
         let draft = Draft { meshed: &meshed, finest: 0, layouts: vec![layout.clone()] };
-        let made = draft.interpolating(draft.interpolating(start).unwrap()).unwrap();
+        let made = draft.interpolating(draft.interpolating(start, 0.0).unwrap(), 0.0).unwrap();
         found.push((cells, distances_from_two_rings(&made)));
         let division = layout.domain.divided().unwrap();
         layout = Layout { positions: division.apply(&layout.positions), domain: division.domain };
