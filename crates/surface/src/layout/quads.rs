@@ -75,6 +75,9 @@ impl Quads<'_> {
     /// them if its border has an odd number of edges.
     fn meet(&mut self, at: &mut Vec<DVec3>) -> bool {
         for crosses_creases in [false, true] {
+            if crosses_creases && self.creases.is_empty() {
+                break;
+            }
             let mut blocked: HashSet<Edge> = HashSet::new();
             if !crosses_creases {
                 blocked.extend(self.creases.sides.keys());
