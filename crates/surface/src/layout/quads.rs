@@ -75,6 +75,9 @@ impl Quads<'_> {
     /// them if its border has an odd number of edges.
     fn meet(&mut self, at: &mut Vec<DVec3>) -> bool {
         for crosses_creases in [false, true] {
+            if crosses_creases && self.creases.is_empty() {
+                break;
+            }
             let mut blocked: HashSet<Edge> = HashSet::new();
             if !crosses_creases {
                 blocked.extend(self.creases.sides.keys());
@@ -120,11 +123,11 @@ impl Quads<'_> {
             less += apex(both.corners[3], second);
             more += STRAIGHT_QUAD;
         }
-        if less <= more {
-            self.merge_across(at, edge, rest) || self.insert_across(at, edge, rest.first().copied())
-        } else {
-            self.insert_across(at, edge, rest.first().copied()) || self.merge_across(at, edge, rest)
-        }
+        let next = rest.first().copied();
+        // If one way is not possible, the other is taken.
+        (more < less && self.insert_across(at, edge, next))
+            || self.merge_across(at, edge, rest)
+            || self.insert_across(at, edge, next)
     }
 
     /// Makes one vertex of the ends of a crease. Beside it, triangles vanish and quads become triangles.

@@ -107,7 +107,7 @@ pub(crate) fn fading_ridge() -> CreasedMesh {
     let mut mesh = blocks([&even, &even, &[-0.5, 0.0]], |_| true);
     let mut creased = with_sharp_edges(mesh.clone(), 60.0);
     for p in mesh.positions.iter_mut().filter(|p| p.z == 0.0) {
-        p.z = p.x.min(0.0) * p.y.abs() * 0.7 + 0.2;
+        p.z = p.x.min(0.0) * p.y.abs() * 0.4 + 0.2;
     }
     let is_ridge = |v: u32| {
         let p = mesh.positions[v as usize];
