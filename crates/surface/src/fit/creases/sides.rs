@@ -112,12 +112,13 @@ impl<'a> Cloud<'a> {
         (1.0 - share).max(0.0).powi(2)
     }
 
+    /// A reading with a weight.
     pub(super) fn weighted(&self, i: u32, weight: f64) -> Weighted {
         Weighted { point: self.points[i as usize], normal: self.normals[i as usize], weight }
     }
 
-    /// Patches of all readings, with σ of heights and slopes as the plain fits show it; none if the surface is
-    /// smooth everywhere.
+    /// Patches of all readings; none if the surface is smooth everywhere. Plain fits show σ of heights and
+    /// slopes.
     pub(super) fn sides(&mut self) -> Option<Vec<Option<Side>>> {
         let plain: Vec<Option<(Plain, Near)>> =
             (0..self.points.len()).into_par_iter().with_min_len(64).map(|i| self.plain(i)).collect();
