@@ -103,7 +103,7 @@ impl<'a> Cloud<'a> {
     pub(super) fn near(&self, at: DVec3, count: NonZero<usize>) -> Near {
         let found = self.tree.query(at.as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
         let radius = found.iter().map(|n| n.distance).fold(0.0, f64::max).sqrt();
-        Near { indices: found.iter().map(|n| n.item as u32).collect(), radius }
+        Near { indices: found.iter().map(|n| n.item).collect(), radius }
     }
 
     /// A weight that falls to zero at the radius.
