@@ -14,13 +14,16 @@
 //!
 //! Edges of less than 18°, and round ones with a radius above about two spacings, are no creases.
 //!
+//! With normals that are estimated from neighbours, creases are found less completely, and lie within a few
+//! tenths of a spacing of the edges instead of about σ.
+//!
 //! Not guaranteed: edges of walls thinner than about three spacings, and edges closer than that to others. A
 //! crease may end early where its angle fades.
 //!
 //! # References
 //! Öztireli, Guennebaud, Gross, *Feature preserving point set surfaces based on non-linear kernel
-//! regression*, Eurographics 2009; Kobbelt, Botsch, Schwanecke, Seidel, *Feature sensitive surface extraction from volume
-//! data*, SIGGRAPH 2001.
+//! regression*, Eurographics 2009; Kobbelt, Botsch, Schwanecke, Seidel, *Feature sensitive surface
+//! extraction from volume data*, SIGGRAPH 2001.
 
 mod chains;
 mod crossings;
@@ -50,7 +53,7 @@ const MAX_TURNED_OVER: f64 = 0.05;
 
 /// A mesh on which the sharp edges that readings show are chains of edges. The given mesh if there are none.
 ///
-/// Cost for 20,000 readings on two cores: about 0.2 s without sharp edges, 1 s with them.
+/// Processor time for 20,000 readings: 0.3 s for a smooth surface, 2 to 3 s with sharp edges or fine details.
 ///
 /// # Errors
 /// `Undetermined` if the points cannot be searched.

@@ -19,8 +19,8 @@ const DIRECTION: f64 = 2.0;
 const OWN_CHAIN: f64 = 10.0;
 /// Least cosine between the direction of an end and that to its target.
 const MIN_AHEAD: f64 = 0.4;
-/// What each spacing from the line of the end costs, beside the length of a path, and what a target costs that
-/// is no end, in spacings.
+/// What each spacing from the line of the end costs, beside the length of a path. What a target that is no
+/// end costs, in spacings.
 const OFF_COST: f64 = 2.0;
 const BRANCH_COST: f64 = 1.0;
 

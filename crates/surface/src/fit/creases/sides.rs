@@ -103,7 +103,7 @@ impl<'a> Cloud<'a> {
     pub(super) fn near(&self, at: DVec3, count: NonZero<usize>) -> Near {
         let found = self.tree.query(at.as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
         let radius = found.iter().map(|n| n.distance).fold(0.0, f64::max).sqrt();
-        Near { indices: found.iter().map(|n| n.item as u32).collect(), radius }
+        Near { indices: found.iter().map(|n| n.item).collect(), radius }
     }
 
     /// A weight that falls to zero at the radius.
@@ -112,12 +112,13 @@ impl<'a> Cloud<'a> {
         (1.0 - share).max(0.0).powi(2)
     }
 
+    /// A reading with a weight.
     pub(super) fn weighted(&self, i: u32, weight: f64) -> Weighted {
         Weighted { point: self.points[i as usize], normal: self.normals[i as usize], weight }
     }
 
-    /// Patches of all readings, with σ of heights and slopes as the plain fits show it; none if the surface is
-    /// smooth everywhere.
+    /// Patches of all readings; none if the surface is smooth everywhere. Plain fits show σ of heights and
+    /// slopes.
     pub(super) fn sides(&mut self) -> Option<Vec<Option<Side>>> {
         let plain: Vec<Option<(Plain, Near)>> =
             (0..self.points.len()).into_par_iter().with_min_len(64).map(|i| self.plain(i)).collect();
