@@ -62,6 +62,7 @@ const MAX_DEPTH: usize = 3;
 /// Most divisions along a side of a leaf for a mesh of the surface.
 const MAX_DIVISIONS: u32 = 4;
 /// Rounds in which vertices move to tips, and how far tips are from the surface, as a share of a quad's side.
+/// Places that are far from the surface are tips as well.
 const TIP_ROUNDS: usize = 3;
 const TIP_SHARE: f64 = 0.5;
 /// Most steps of the interpolation of vertices, and the rest at which it ends, as a share of the distance at
@@ -166,9 +167,15 @@ impl Defect {
         self.missed + if self.passes_through_itself { 1.0 } else { far }
     }
 
-    /// Quads of the next layout.
+    /// Quads of the next layout. Steps are small only where few more may be enough.
     fn more_quads(self, quads: usize) -> usize {
-        if self.missed > MOST_MISSED { 4 * quads } else { 2 * quads }
+        if self.missed > MOST_MISSED {
+            4 * quads
+        } else if self.passes_through_itself || self.missed > DIVIDED_MISSED {
+            2 * quads
+        } else {
+            quads + quads / 2
+        }
     }
 }
 
@@ -260,7 +267,7 @@ impl<'a> Draft<'a> {
                 let [u, v] = start;
                 let quad = (u as usize).min(layout.domain.cells().len() - 1);
                 let corner = corner_number([u - quad as f64, v].map(|t| u32::from(t > 0.5)));
-                (off > reach.max(TIP_SHARE * side))
+                (off > reach.max((TIP_SHARE * side).min(FAR_REACHES * reach)))
                     .then(|| (layout.domain.cells()[quad][corner], off, position))
             })
             .collect();
