@@ -281,9 +281,14 @@ pub(super) fn even_out(
     }
     own.remove_straight(at);
     let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
-    if quads.into_iter().filter(|&quad| own.surround(at, quad)).count() > 0 {
+    if quads.into_iter().filter(|&quad| own.surround(at, quad, false)).count() > 0 {
         own.change_while_better(at);
     }
+    // No spline is regular at a straight corner; irregular vertices are the lesser evil.
+    let quads: Vec<u32> = own.faces.all().map(|(number, _)| number).collect();
+    quads.into_iter().for_each(|quad| {
+        own.surround(at, quad, true);
+    });
 }
 
 impl Quads<'_> {
@@ -455,16 +460,17 @@ impl Quads<'_> {
         })
     }
 
-    /// Makes five quads of one, with a smaller one in its middle, if that makes valences better. It divides
-    /// straight corners of quads on creases.
-    fn surround(&mut self, at: &mut Vec<DVec3>, quad: u32) -> bool {
+    /// Makes five quads of one that has a straight corner on a crease, with a smaller one in its middle: if
+    /// that makes valences better, or in any case. The straight corner is divided.
+    fn surround(&mut self, at: &mut Vec<DVec3>, quad: u32, in_any_case: bool) -> bool {
         let Some(face) = self.faces.face(quad) else { return false };
         let [a, b, c, d] = *face.corners() else { return false };
         let outer = [a, b, c, d];
         let gain: i64 =
             (outer.iter().map(|&v| self.fan(v, quad))).map(|fan| fan.defect(0) - fan.defect(1)).sum();
         // The four new vertices have three quads.
-        if gain <= 4 || !outer.iter().any(|&v| self.is_straight(at, v, quad)) {
+        let is_better = in_any_case || gain > 4;
+        if !is_better || !outer.iter().any(|&v| self.is_straight(at, v, quad)) {
             return false;
         }
         let middle = outer.iter().map(|&v| at[v as usize]).sum::<DVec3>() / 4.0;

@@ -17,6 +17,9 @@ const MAX_GAP: f64 = 3.5;
 /// spacings.
 const DIRECTION: f64 = 2.0;
 const OWN_CHAIN: f64 = 10.0;
+/// A vertex of a path moves at most this many spacings to the line of the end: beside a corner, the mesh is
+/// rounded by more than along an edge.
+const MAX_PATH_MOVE: f64 = 3.0;
 /// Least cosine between the direction of an end and that to its target.
 const MIN_AHEAD: f64 = 0.4;
 /// What each spacing from the line of the end costs, beside the length of a path. What a target that is no
@@ -35,9 +38,13 @@ impl SharpMesh {
                 let sides = self.sides(end);
                 for pair in path.windows(2) {
                     if self.creases(pair[1]).is_empty() {
-                        self.put_on(pair[1], sides);
+                        self.put_on(pair[1], sides, MAX_PATH_MOVE);
                     }
                     self.join(pair[0], pair[1]);
+                }
+                let last = path[path.len() - 1];
+                if self.creases(last).len() == 3 {
+                    self.place_corner(last, sides);
                 }
             }
         }
@@ -88,7 +95,8 @@ impl SharpMesh {
                 let extra = if is_target {
                     if self.creases(w).len() == 1 { 0.0 } else { BRANCH_COST * spacing }
                 } else {
-                    let Some(on_line) = self.on_sides(self.sides(end), at(w)) else { continue };
+                    let on_line = self.on_sides(self.sides(end), at(w), MAX_PATH_MOVE);
+                    let Some(on_line) = on_line else { continue };
                     OFF_COST * on_line.distance(at(w))
                 };
                 let through = (cost + at(v).distance(at(w)) + extra, v);

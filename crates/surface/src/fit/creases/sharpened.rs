@@ -218,11 +218,11 @@ impl SharpMesh {
 
     /// The point on the sides of a vertex near `p`, if it is not far.
     fn placed(&self, v: usize, p: DVec3) -> Option<DVec3> {
-        self.on_sides(self.sides[v], p)
+        self.on_sides(self.sides[v], p, MAX_MOVE)
     }
 
-    /// The point near `p` on some sides, if it is not far.
-    pub(super) fn on_sides(&self, sides: Sides, p: DVec3) -> Option<DVec3> {
+    /// The point near `p` on some sides, if it is at most so many spacings away.
+    pub(super) fn on_sides(&self, sides: Sides, p: DVec3, longest: f64) -> Option<DVec3> {
         let numbers = sides.iter().filter(|i| **i != NONE);
         let patches: Vec<Patch> = numbers.map(|&i| self.patches[i as usize]).collect();
         let placed = match patches[..] {
@@ -230,7 +230,7 @@ impl SharpMesh {
             [patch] => patch.foot(p),
             _ => meeting(&patches, p)?,
         };
-        (placed.is_finite() && placed.distance(p) < MAX_MOVE * self.spacing).then_some(placed)
+        (placed.is_finite() && placed.distance(p) < longest * self.spacing).then_some(placed)
     }
 
     /// Neighbours of a vertex along creases.
@@ -243,10 +243,23 @@ impl SharpMesh {
         self.sides[v as usize]
     }
 
-    /// Moves a vertex to other sides.
-    pub(super) fn put_on(&mut self, v: u32, sides: Sides) {
-        if let Some(placed) = self.on_sides(sides, self.at[v as usize]) {
+    /// Moves a vertex to other sides, at most so many spacings away.
+    pub(super) fn put_on(&mut self, v: u32, sides: Sides, longest: f64) {
+        if let Some(placed) = self.on_sides(sides, self.at[v as usize], longest) {
             (self.at[v as usize], self.sides[v as usize]) = (placed, sides);
+        }
+    }
+
+    /// Moves a vertex of two sides to where they meet both sides of a crease that ends at it.
+    pub(super) fn place_corner(&mut self, v: u32, ending: Sides) {
+        let at = self.at[v as usize];
+        let normal = |i: u32| self.patches[i as usize].distance(at).1;
+        let known = [ending[0], ending[1]];
+        let agreement = |i: &u32| known.iter().map(|&j| normal(*i).dot(normal(j))).fold(-1.0, f64::max);
+        let own = self.sides[v as usize].into_iter().filter(|i| *i != NONE);
+        let third = own.min_by(|a, b| agreement(a).total_cmp(&agreement(b)));
+        if let (Some(third), false) = (third, known.contains(&NONE)) {
+            self.put_on(v, [known[0], known[1], third], MAX_CORNER_MOVE);
         }
     }
 
