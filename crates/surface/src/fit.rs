@@ -92,8 +92,9 @@ use crate::observe::ScanErrors;
 use batches::Batches;
 use finish::{FinishInput, finish};
 use first::first_surface;
+use folds::Folds;
 use planish_core::{DVec3, Progress, ProgressPart};
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::GroundOptions;
 use planish_spline::{FootPointSearch, Shape};
@@ -381,9 +382,19 @@ fn converge(
     {
         return Ok(converged);
     }
-    let surface = first_surface(observations, options, 1, progress)?;
-    let subset = observations.fitted();
-    refine_to_noise(observations, surface, subset, options, progress)
+    let mut refined = |options: &FitOptions, progress: &dyn Progress| {
+        let surface = first_surface(observations, options, 1, progress)?;
+        let has_creases = surface.space().domain().is_some_and(|domain| !domain.creases().is_empty());
+        let subset = observations.fitted();
+        Ok((has_creases, refine_to_noise(observations, surface, subset, options, progress)))
+    };
+    match refined(options, progress)? {
+        (true, Ok(fit)) if !Folds::of(&fit.surface, &fit.feet)?.places.is_empty() => {}
+        (true, Err(error)) if error.kind() == ErrorKind::Undetermined => {}
+        (_, fit) => return fit,
+    }
+    // Creases were found at wrong places, or are too near to each other. A smooth surface rounds them instead.
+    refined(&options.without_creases(), progress)?.1
 }
 
 /// The given scans of a set, with its sensors.

@@ -76,6 +76,10 @@ pub struct FitArgs {
           help_heading = "Surface", hide_short_help = true,
           conflicts_with_all = ["shape", "update", "known_uv", "motion", "symmetry", "complete", "ground"])]
     pub genus: Option<usize>,
+    /// Fit a surface that is smooth everywhere [default: sharp edges of closed objects are followed]
+    #[arg(long, help_heading = "Surface", hide_short_help = true,
+          conflicts_with_all = ["update", "known_uv", "motion", "symmetry", "complete", "ground"])]
+    pub smooth: bool,
     /// Fit a fixed grid of NxM cells; columns u and v of the files give the parameters
     ///
     /// The fit takes one step. u and v are in [0, 1]. The surface is a sheet unless --shape is given; balls

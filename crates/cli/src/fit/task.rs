@@ -93,6 +93,7 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
         symmetry: args.symmetry,
         fill_gaps,
         genus: args.genus,
+        smooth: args.smooth,
         // The job asks for snapshots if it writes an animation.
         snapshots: None,
     };

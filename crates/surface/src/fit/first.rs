@@ -73,12 +73,27 @@ pub(super) fn first_surface(
     let sample = sample.readings;
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
     let sigma = typical_sigma(observations, &sample);
-    let creased = |mesh: TriangleMesh| with_creases(mesh, &points, &normals, sigma);
     let over_quads = |mesh: CreasedMesh| surface_over_quads(mesh, size, options.max_coefficients, progress);
+    // With sharp edges, if there are any. Where they are nearer to each other than quads are large, or were
+    // found at wrong places, there is no such surface.
+    let sharp = |mesh: &TriangleMesh| -> Result<Option<Surface>> {
+        if !options.follows_creases() {
+            return Ok(None);
+        }
+        let creased = with_creases(mesh.clone(), &points, &normals, sigma)?;
+        if creased.creases.is_empty() {
+            return Ok(None);
+        }
+        match over_quads(creased) {
+            Ok(surface) => Ok(Some(surface)),
+            Err(error) if error.kind() == ErrorKind::Interrupted => Err(error),
+            Err(_) => Ok(None),
+        }
+    };
     if let Some(handles @ Handles::Exactly(_)) = options.handles() {
         progress.check("topology", 0.02)?;
         let mesh = enclosing_mesh(&points, &normals, handles)?;
-        return match if_determined(over_quads(creased(mesh.clone())?))? {
+        return match sharp(&mesh)? {
             Some(surface) => Ok(surface),
             None => over_quads(CreasedMesh::smooth(mesh)),
         };
@@ -91,19 +106,15 @@ pub(super) fn first_surface(
     // Splines over a ball are smooth, and cannot follow sharp edges.
     let may_lie_over_quads = base.shape == Shape::Ball && size >= MIN_FOR_HANDLES;
     if let Some(handles) = options.handles().filter(|_| may_lie_over_quads)
-        && (is_grown || may_have_creases(&points, &normals, sigma)?)
+        && (is_grown || options.follows_creases() && may_have_creases(&points, &normals, sigma)?)
     {
         progress.check("topology", 0.04)?;
         if let Some(mesh) = if_determined(enclosing_mesh(&points, &normals, handles))? {
-            let creased = creased(mesh.clone())?;
-            let is_sharp = !creased.creases.is_empty();
-            // Creases that are nearer to each other than a quad's side may leave no room for quads.
-            for mesh in [is_sharp.then_some(creased), is_grown.then(|| CreasedMesh::smooth(mesh))] {
-                if let Some(mesh) = mesh
-                    && let Some(surface) = if_determined(over_quads(mesh))?
-                {
-                    return Ok(surface);
-                }
+            if let Some(surface) = sharp(&mesh)? {
+                return Ok(surface);
+            }
+            if is_grown && let Some(surface) = if_determined(over_quads(CreasedMesh::smooth(mesh)))? {
+                return Ok(surface);
             }
         }
     }

@@ -134,6 +134,8 @@ pub struct GlobalOptions {
     /// Number of handles of a closed object, which are the holes through it (default: as many as the readings
     /// show). It overrides the shape, and a ball lies over quads.
     pub genus: Option<usize>,
+    /// Fit a surface that is smooth everywhere (default: sharp edges of closed objects are followed).
+    pub smooth: bool,
 }
 
 /// Settings of a fit by the patch filter.
@@ -287,6 +289,20 @@ impl FitOptions {
             None if self.shape.is_some() || symmetry.is_some() || *fill_gaps => None,
             None => Some(Handles::AsSeen),
         }
+    }
+
+    /// True if sharp edges of closed objects are followed.
+    pub(super) fn follows_creases(&self) -> bool {
+        matches!(&self.strategy, Strategy::Global(global) if !global.smooth)
+    }
+
+    /// The same options for a surface that is smooth everywhere.
+    pub(super) fn without_creases(&self) -> Self {
+        let mut options = self.clone();
+        if let Strategy::Global(global) = &mut options.strategy {
+            global.smooth = true;
+        }
+        options
     }
 
     /// The width of objects that are removed, if only bare earth is kept.

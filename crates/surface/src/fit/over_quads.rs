@@ -34,6 +34,8 @@ const NEIGHBOURS: usize = 6;
 const READINGS_PER_QUAD: usize = 3;
 /// Quads of the first layout, before each is divided into four.
 const FEWEST_QUADS: usize = 64;
+/// Most quads of a layout with creases. Larger ones take a minute, and no object had a sound one only then.
+const MOST_WITH_CREASES: usize = 1024;
 /// Quads of layouts for which the mesh is prepared first. Few objects need more, which take a finer mesh.
 const FIRST_MOST: usize = 2048;
 /// A starting surface is near its mesh at this distance, in edges of the mesh, at all but a share of its
@@ -86,13 +88,13 @@ pub(super) fn surface_over_quads(
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
-    // Each quad is divided into four.
-    let most = (cells / 4).max(FEWEST_QUADS);
     let has_creases = !mesh.creases.is_empty();
+    // Each quad is divided into four.
+    let most = (cells / 4).min(if has_creases { MOST_WITH_CREASES } else { usize::MAX }).max(FEWEST_QUADS);
     let mut meshed = LayoutMesh::with_creases(mesh, most.min(FIRST_MOST))?;
     // Where cells are divided, the finest ones are a part of all.
     let finest = (readings / READINGS_PER_QUAD).min(meshed.mesh().positions.len());
-    let mut best: Option<(f64, Surface)> = None;
+    let mut best: Option<(Defect, Surface)> = None;
     let mut quads = FEWEST_QUADS;
     loop {
         progress.check("layout", 0.05 + 0.35 * quads as f64 / (quads + most) as f64)?;
@@ -103,13 +105,11 @@ pub(super) fn surface_over_quads(
         let mut next = 2 * quads;
         match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface(is_last)) {
             Ok((surface, defect)) => {
-                let least = defect.total();
                 next = defect.more_quads(quads);
-                let is_near = least <= MAX_MISSED;
-                if best.as_ref().is_none_or(|(before, _)| least < *before) {
-                    best = Some((least, surface));
+                if best.as_ref().is_none_or(|(least, _)| defect.total() < least.total()) {
+                    best = Some((defect, surface));
                 }
-                if is_near {
+                if defect.total() <= MAX_MISSED {
                     break;
                 }
             }
@@ -125,7 +125,7 @@ pub(super) fn surface_over_quads(
     }
     // Creases at a wrong place may turn the surface over, where a smooth one would only be rounder.
     let (_, surface) = best
-        .filter(|(least, _)| !has_creases || *least < FAR)
+        .filter(|(defect, _)| !has_creases || defect.total() < FAR)
         .ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
     divided_at_vertices(surface, readings)
 }
@@ -137,7 +137,8 @@ struct Defect {
     missed: f64,
     /// True if a vertex of either is far from the other.
     is_far: bool,
-    passes_through_itself: bool,
+    /// Share of its triangles that pass through others.
+    crossing: f64,
 }
 
 impl Defect {
@@ -157,21 +158,21 @@ impl Defect {
         Ok(Self {
             missed: of_mesh.iter().filter(|d| **d > reach).count() as f64 / of_mesh.len().max(1) as f64,
             is_far: of_mesh.iter().chain(&of_surface).any(|d| *d > FAR_REACHES * reach),
-            passes_through_itself: !search.crossing_pairs().is_empty(),
+            crossing: search.crossing_pairs().len() as f64 / made.triangles.len().max(1) as f64,
         })
     }
 
     /// By which surfaces are compared: a surface that passes through itself is worse than any other.
     fn total(self) -> f64 {
         let far = if self.is_far { FAR } else { 0.0 };
-        self.missed + if self.passes_through_itself { 1.0 } else { far }
+        self.missed + far + if self.crossing > 0.0 { 1.0 + self.crossing } else { 0.0 }
     }
 
     /// Quads of the next layout. Steps are small only where few more may be enough.
     fn more_quads(self, quads: usize) -> usize {
         if self.missed > MOST_MISSED {
             4 * quads
-        } else if self.passes_through_itself || self.missed > DIVIDED_MISSED {
+        } else if self.crossing > 0.0 || self.missed > DIVIDED_MISSED {
             2 * quads
         } else {
             quads + quads / 2

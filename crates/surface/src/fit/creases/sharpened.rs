@@ -284,10 +284,6 @@ impl SharpMesh {
         2.0 * 3.0_f64.sqrt() * signed / squares.max(f64::MIN_POSITIVE)
     }
 
-    fn is_gone(&self, face: u32) -> bool {
-        self.faces[face as usize][0] == NONE
-    }
-
     fn star(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         self.around[v as usize].iter().copied()
     }
