@@ -6,7 +6,7 @@
 //! Not guaranteed: that a crease which does end near another one is not prolonged to it.
 
 use super::crossings::NONE;
-use super::sharpened::SharpMesh;
+use super::sharpened::{SharpMesh, Sides};
 use planish_core::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,6 +20,8 @@ const OWN_CHAIN: f64 = 10.0;
 /// A vertex of a path moves at most this many spacings to the line of the end: beside a corner, the mesh is
 /// rounded by more than along an edge.
 const MAX_PATH_MOVE: f64 = 3.0;
+/// Length over which creases are straightened at a corner, in spacings.
+const CORNER_LENGTH: f64 = 3.0;
 /// Least cosine between the direction of an end and that to its target.
 const MIN_AHEAD: f64 = 0.4;
 /// What each spacing from the line of the end costs, beside the length of a path. What a target that is no
@@ -42,12 +44,47 @@ impl SharpMesh {
                     }
                     self.join(pair[0], pair[1]);
                 }
-                let last = path[path.len() - 1];
-                if self.creases(last).len() == 3 {
-                    self.place_corner(last, sides);
+            }
+        }
+    }
+
+    /// Moves vertices where three creases meet to where their sides do, and straightens the creases there.
+    ///
+    /// The mesh is rounder at a corner than along edges, so crossings next to it may cut it off.
+    pub(super) fn place_corners(&mut self) {
+        for v in (0..self.at.len() as u32).filter(|&v| self.creases(v).len() == 3).collect::<Vec<_>>() {
+            let branches: Vec<Vec<u32>> = self.creases(v).iter().map(|&w| self.branch([v, w])).collect();
+            let ends: Vec<Sides> = branches.iter().map(|path| self.sides(path[path.len() - 1])).collect();
+            let first = [ends[0][0], ends[0][1]];
+            let others = ends[1..].iter().flat_map(|sides| [sides[0], sides[1]]);
+            let Some(corner) = self.corner_of(first, others, self.at[v as usize]) else { continue };
+            let Some(placed) = self.on_sides(corner, self.at[v as usize], MAX_PATH_MOVE) else { continue };
+            self.move_to(v, placed, corner);
+            for (path, sides) in branches.iter().zip(ends) {
+                let far = self.at[path[path.len() - 1] as usize];
+                let inner = &path[1..path.len() - 1];
+                for (k, &w) in inner.iter().enumerate() {
+                    self.move_to(w, placed.lerp(far, (k + 1) as f64 / (inner.len() + 1) as f64), sides);
                 }
             }
         }
+    }
+
+    /// The vertices of a chain from its first two on, over a length, or up to where it ends or branches.
+    fn branch(&self, [first, second]: [u32; 2]) -> Vec<u32> {
+        let mut path = vec![first, second];
+        while self.at[first as usize].distance(self.at[path[path.len() - 1] as usize])
+            < CORNER_LENGTH * self.spacing()
+        {
+            let [before, last] = [path[path.len() - 2], path[path.len() - 1]];
+            let (Some(&next), 2) =
+                (self.creases(last).iter().find(|w| **w != before), self.creases(last).len())
+            else {
+                break;
+            };
+            path.push(next);
+        }
+        path
     }
 
     /// Vertices of the same chain within a length, from an end on.

@@ -178,6 +178,7 @@ impl SharpMesh {
             }
         }
         self.close_gaps();
+        self.place_corners();
         for _ in 0..CREASE_ROUNDS {
             self.even_out_creases();
         }
@@ -250,17 +251,25 @@ impl SharpMesh {
         }
     }
 
-    /// Moves a vertex of two sides to where they meet both sides of a crease that ends at it.
-    pub(super) fn place_corner(&mut self, v: u32, ending: Sides) {
-        let at = self.at[v as usize];
-        let normal = |i: u32| self.patches[i as usize].distance(at).1;
-        let known = [ending[0], ending[1]];
-        let agreement = |i: &u32| known.iter().map(|&j| normal(*i).dot(normal(j))).fold(-1.0, f64::max);
-        let own = self.sides[v as usize].into_iter().filter(|i| *i != NONE);
-        let third = own.min_by(|a, b| agreement(a).total_cmp(&agreement(b)));
-        if let (Some(third), false) = (third, known.contains(&NONE)) {
-            self.put_on(v, [known[0], known[1], third], MAX_CORNER_MOVE);
+    /// Moves a vertex to a point of some sides.
+    pub(super) fn move_to(&mut self, v: u32, point: DVec3, sides: Sides) {
+        (self.at[v as usize], self.sides[v as usize]) = (point, sides);
+    }
+
+    /// Two sides and the one of others that is most unlike them; none if a side is not known.
+    pub(super) fn corner_of(
+        &self,
+        [a, b]: [u32; 2],
+        others: impl Iterator<Item = u32>,
+        near: DVec3,
+    ) -> Option<Sides> {
+        let normal = |i: u32| self.patches[i as usize].distance(near).1;
+        let agreement = |i: u32| [a, b].iter().map(|&j| normal(i).dot(normal(j))).fold(-1.0, f64::max);
+        if a == NONE || b == NONE {
+            return None;
         }
+        let third = others.filter(|i| *i != NONE).map(|i| (agreement(i), i));
+        third.min_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, third)| [a, b, third])
     }
 
     /// Spacing of the readings, or more where noise is strong.
