@@ -52,8 +52,8 @@ use directions::directions;
 use limits::{check_counts, check_view_count};
 use random::{InitialState, at_random};
 
-/// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per unknown,
-/// so large models get fewer candidates.
+/// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per
+/// unknown, so large models get fewer candidates.
 const COLUMN_NUMBERS: usize = 6_000_000;
 /// Bounds of the number of candidates. With fewer than the first, the best place may be missed. Every step
 /// compares each candidate over all places, so more than the second cost time only.
@@ -338,8 +338,8 @@ impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
-        // One unknown for most vertices: a reading measures the surface along its normal only, and three unknowns
-        // would make the factorisation far more expensive (`docs/decisions/0002`).
+        // One unknown for most vertices: a reading measures the surface along its normal only, and three
+        // unknowns would make the factorisation far more expensive (`docs/decisions/0002`).
         let directions = directions(model)?;
         let information = model.information_along(&system, &directions)?;
         let places = places(model, &directions, options);

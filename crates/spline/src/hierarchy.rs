@@ -20,6 +20,7 @@ mod places;
 mod poles;
 mod quads;
 mod shape;
+mod unknowns;
 
 use crate::basis::cubic_half;
 use extraction::SparseExtraction;
@@ -33,6 +34,7 @@ use rayon::prelude::*;
 pub use shape::Shape;
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
+pub(crate) use unknowns::CreaseNode;
 
 /// A knot square: level and integer position in the grid of that level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -43,6 +43,7 @@ mod base_fit;
 mod basis;
 mod cell_information;
 mod directed_moments;
+mod directions;
 mod energy;
 mod field;
 mod foot;
@@ -60,7 +61,6 @@ mod surface;
 mod system;
 mod tangent_rows;
 mod tessellation;
-mod unknowns;
 
 pub use base::{BaseShape, fit_function};
 pub use base_fit::{fit_base_shape, scatter_about, shape_parameters};

@@ -1,9 +1,9 @@
 //! Sparse equations of the control vertices: pattern, ordering and symbolic factor of a hierarchy.
 //!
 //! Input: a [`Hierarchy`]. Output: information accumulated by leaf, the smoothness prior as information, and
-//! factors. Each node has three unknowns, the coordinates of its vertex, or one along a direction; vertices on
-//! creases have more than one direction (see [`Surface::directions`]). Built once per hierarchy and used for
-//! every iteration.
+//! factors. Each node has three unknowns, the coordinates of its vertex, or one along a direction; vertices
+//! on creases have more than one direction (see [`Surface::directions`]). Built once per hierarchy and used
+//! for every iteration.
 
 use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
@@ -140,8 +140,8 @@ impl SurfaceSystem {
     }
 
     /// Accumulates scalar rows for displacements along `directions`: one for each node, or those of
-    /// [`Surface::directions`]. `rows(leaf, add)` calls `add(weights over the sixteen coefficients, direction, value, information)`
-    /// for each measurement.
+    /// [`Surface::directions`]. `rows(leaf, add)` calls `add(weights over the sixteen coefficients,
+    /// direction, value, information)` for each measurement.
     ///
     /// Cheaper than [`Self::accumulate`] for few readings per leaf: about `n (4 + n/2)` multiply-adds per
     /// reading for `n` nodes on its leaf.
@@ -227,8 +227,8 @@ impl SurfaceSystem {
         }
     }
 
-    /// Adds a matrix and a vector over the unknowns of each leaf, computed in parallel by batches and added in
-    /// order. `scratch` creates the buffers that a thread reuses.
+    /// Adds a matrix and a vector over the unknowns of each leaf, computed in parallel by batches and added
+    /// in order. `scratch` creates the buffers that a thread reuses.
     fn add_elements<S>(
         &self,
         information: &mut BlockInformation,

@@ -393,7 +393,8 @@ fn converge(
         (true, Err(error)) if error.kind() == ErrorKind::Undetermined => {}
         (_, fit) => return fit,
     }
-    // Creases were found at wrong places, or are too near to each other. A smooth surface rounds them instead.
+    // Creases were found at wrong places, or are too near to each other. A smooth surface rounds them
+    // instead.
     refined(&options.without_creases(), progress)?.1
 }
 

@@ -33,8 +33,8 @@ use std::sync::Arc;
 
 /// Information about poses and biases of scans, which are unknowns in addition to the vertices.
 ///
-/// Vertices move along the surface's [`directions`](Surface::directions). The unknowns are those of [`ScanPoseReport`]s,
-/// scan after scan. See [`planish_estimate::sparse::Bordered`].
+/// Vertices move along the surface's [`directions`](Surface::directions). The unknowns are those of
+/// [`ScanPoseReport`]s, scan after scan. See [`planish_estimate::sparse::Bordered`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanErrorInformation {
     /// Coupling of displacements of vertices and unknowns, row by row.

@@ -10,11 +10,10 @@
 //! vertex are split together. Where they are, the surface changes slightly, since the finer space does not
 //! contain the coarser one there.
 
-use super::{Cell, Hierarchy, MAX_LEVEL, Topology, grid, places::in_quad};
+use super::{Cell, CreaseNode, Hierarchy, MAX_LEVEL, Topology, grid, places::in_quad};
 use crate::quad_domain::{
     Level, LevelCell, Neighbourhood, PIECES, QuadDomain, Weighted, leaf_weights, to_edge,
 };
-use crate::unknowns::CreaseNode;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};

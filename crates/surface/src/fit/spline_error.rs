@@ -16,8 +16,8 @@
 //! more ([`NOISE_SHARE`]).
 //!
 //! Beside a crease the second derivative of the spline is zero across it. The best spline there misses a
-//! function by `0.0166 h² |f″|` in the first cell (least squares, uniform cells), and its own second derivative
-//! is `1.231 f″` at the first knot inside.
+//! function by `0.0166 h² |f″|` in the first cell (least squares, uniform cells), and its own second
+//! derivative is `1.231 f″` at the first knot inside.
 //!
 //! Not guaranteed: shape finer than the cells, which the spline does not follow at all
 //! ([`super::unresolved_shape`]).

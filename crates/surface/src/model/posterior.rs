@@ -15,8 +15,9 @@ use std::sync::Arc;
 /// The posterior covariance of a model's shape.
 ///
 /// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of
-/// position determine. Vertices on creases move across them as well. Motion along the surface only changes the parameters of its points, so it is held; see
-/// decision 0002. If parameters were known, every coordinate moves.
+/// position determine. Vertices on creases move across them as well. Motion along the surface only changes
+/// the parameters of its points, so it is held; see decision 0002. If parameters were known, every
+/// coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,

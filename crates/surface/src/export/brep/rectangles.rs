@@ -4,11 +4,12 @@
 //! vertices have four quads and lie on no crease, and no vertex is twice on the boundary of one, so no
 //! rectangle closes on itself.
 //!
-//! Rectangles end at creases. A line runs from each extraordinary vertex, and from where creases turn or end, along each of its edges, straight ahead, until it meets another line,
-//! a crease or a border. Lines that lead directly to another extraordinary vertex come first, since they end
-//! without a new corner: fits of nine objects then have about 10 % fewer rectangles. The others advance at
-//! the same speed, so that none cuts through far regions. What they leave are rectangles; tubes and tori
-//! without extraordinary vertices are divided.
+//! Rectangles end at creases. A line runs from each extraordinary vertex, and from where creases turn or
+//! end, along each of its edges, straight ahead, until it meets another line, a crease or a border. Lines
+//! that lead directly to another extraordinary vertex come first, since they end without a new corner: fits
+//! of nine objects then have about 10 % fewer rectangles. The others advance at the same speed, so that none
+//! cuts through far regions. What they leave are rectangles; tubes and tori without extraordinary vertices
+//! are divided.
 //!
 //! Not guaranteed: the smallest number of rectangles.
 //!

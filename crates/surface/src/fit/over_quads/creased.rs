@@ -17,8 +17,8 @@ const HALF: [f64; 3] = [30.0, 20.0, 10.0];
 /// Heights of its two curved faces above the middle of a flat one.
 const BULGE: f64 = 4.0;
 
-/// The surface of the solid over a point of a cube's surface. Top and bottom are curved, and meet the sides in
-/// circular arcs.
+/// The surface of the solid over a point of a cube's surface. Top and bottom are curved, and meet the sides
+/// in circular arcs.
 fn on_solid(q: DVec3) -> DVec3 {
     let [x, y, z] = [q.x * HALF[0], q.y * HALF[1], q.z * HALF[2]];
     DVec3::new(x, y, z * (1.0 + BULGE / HALF[2] * (1.0 - q.x * q.x)))
@@ -78,8 +78,8 @@ fn points(count: usize, seed: u64) -> Vec<(DVec3, DVec3, f64)> {
         .collect()
 }
 
-/// A fit of readings of the solid that starts wrong by four σ everywhere, at the edges as well. The second half
-/// of the readings is a scan of its own, of which the stated position is wrong by `shift`.
+/// A fit of readings of the solid that starts wrong by four σ everywhere, at the edges as well. The second
+/// half of the readings is a scan of its own, of which the stated position is wrong by `shift`.
 fn fitted(count: usize, seed: u64, shift: Option<DVec3>) -> Fit {
     let mut rng = ChaCha8Rng::seed_from_u64(seed + 100);
     let mut noise = |size: f64| size * DVec3::from_array([(); 3].map(|()| rng.sample(StandardNormal)));
