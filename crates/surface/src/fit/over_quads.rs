@@ -43,12 +43,9 @@ const FIRST_MOST: usize = 2048;
 const NEAR: f64 = 0.5;
 const MAX_MISSED: f64 = 0.015;
 const MAX_TESTED: usize = 10_000;
-/// Share of missed vertices above which the cells of a surface are not divided, and above which the next
-/// layout has four times as many quads instead of twice. On eight objects, divisions brought only a surface
-/// within the bound that missed 1.5 %; those that missed more than half missed a quarter with four times as
-/// many quads (decision 0119).
-const DIVIDED_MISSED: f64 = 0.02;
-const MOST_MISSED: f64 = 0.5;
+/// Share of missed vertices above which the cells of a surface are not divided: divisions never brought one
+/// within the bound that missed more than half of it (decision 0119).
+const DIVIDED_MISSED: f64 = 0.05;
 /// No place is farther than this many times that distance, and what such a place adds to the share.
 const FAR_REACHES: f64 = 3.5;
 const FAR: f64 = 0.5;
@@ -168,15 +165,9 @@ impl Defect {
         self.missed + far + if self.crossing > 0.0 { 1.0 + self.crossing } else { 0.0 }
     }
 
-    /// Quads of the next layout. Steps are small only where few more may be enough.
+    /// Quads of the next layout. A few more do not part what passes through itself.
     fn more_quads(self, quads: usize) -> usize {
-        if self.missed > MOST_MISSED {
-            4 * quads
-        } else if self.crossing > 0.0 || self.missed > DIVIDED_MISSED {
-            2 * quads
-        } else {
-            quads + quads / 2
-        }
+        if self.crossing > 0.0 { 2 * quads } else { quads + quads / 2 }
     }
 }
 
@@ -209,12 +200,14 @@ impl<'a> Draft<'a> {
     fn surface(mut self, is_last: bool) -> Result<(Surface, Defect)> {
         let surface = self.undivided()?;
         let defect = Defect::of(&surface, self.meshed)?;
-        if defect.total() <= MAX_MISSED || defect.missed > DIVIDED_MISSED && !is_last {
+        if defect.missed > DIVIDED_MISSED && !is_last {
             return Ok((surface, defect));
         }
-        let surface = self.divided(surface)?;
-        let defect = Defect::of(&surface, self.meshed)?;
-        Ok((surface, defect))
+        // A fit does not find tips that the start misses, so a surface that is near is divided as well.
+        let divided = self.divided(surface.clone())?;
+        let of_divided = Defect::of(&divided, self.meshed)?;
+        let is_worse = of_divided.total() > defect.total().max(MAX_MISSED);
+        Ok(if is_worse { (surface, defect) } else { (divided, of_divided) })
     }
 
     /// The surface that passes through the positions of the layout.
