@@ -214,5 +214,6 @@ fn bent_pipes_are_followed_and_their_ends_are_unmeasured() {
         covered += u32::from(*observed == 1 && error < 1.96 * sigma);
     }
     println!("{covered} of {measured} covered, {far} of {caps} beyond the ends measured");
-    assert!(f64::from(covered) > 0.9 * f64::from(measured) && caps > 100 && far == 0);
+    // Marks have cells, so a single vertex just beyond the limit may lie in a measured one.
+    assert!(f64::from(covered) > 0.9 * f64::from(measured) && caps > 1000 && 1000 * far <= caps);
 }
