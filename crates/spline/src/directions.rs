@@ -40,15 +40,22 @@ impl Surface {
         directions
     }
 
-    /// The surface with its vertices displaced by `steps` along the directions of all unknowns.
+    /// The displacement of each vertex by `steps` along the directions of all unknowns.
+    #[must_use]
+    pub fn displacements(&self, directions: &[DVec3], steps: &[f64]) -> Vec<DVec3> {
+        let mut moved = vec![DVec3::ZERO; self.vertices().len()];
+        for (unknown, (direction, step)) in directions.iter().zip(steps).enumerate() {
+            moved[self.space().node_of_unknown(unknown)] += *step * *direction;
+        }
+        moved
+    }
+
+    /// The surface after [`Surface::displacements`].
     ///
     /// # Errors
     /// `Input` if a coordinate is not finite.
     pub fn displaced(&self, directions: &[DVec3], steps: &[f64]) -> Result<Self> {
-        let mut vertices = self.vertices().to_vec();
-        for (unknown, (direction, step)) in directions.iter().zip(steps).enumerate() {
-            vertices[self.space().node_of_unknown(unknown)] += *step * *direction;
-        }
-        self.with_vertices(vertices)
+        let moved = self.displacements(directions, steps);
+        self.with_vertices(self.vertices().iter().zip(moved).map(|(p, by)| *p + by).collect())
     }
 }

@@ -219,8 +219,7 @@ fn degrees_by_channel(
         let z: Vec<f64> = directions.iter().map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
         let mut y = z.clone();
         factor.solve_in_place(&mut y)?;
-        let still = surface.with_vertices(vec![DVec3::ZERO; surface.vertices().len()])?;
-        let moved = |by: &[f64]| still.displaced(directions, by);
+        let moved = |by: &[f64]| surface.with_vertices(surface.displacements(directions, by));
         let (z, y) = (moved(&z)?, moved(&y)?);
         let parts: Vec<Vec<f64>> = (0..feet.len().div_ceil(CHUNK))
             .into_par_iter()

@@ -105,8 +105,7 @@ fn noise_of_surface(
             })?;
             let mut moved = sums.vector().to_vec();
             factor.solve_in_place(&mut moved)?;
-            let still = surface.with_vertices(vec![DVec3::ZERO; space.node_count()])?;
-            Ok(space.leaf_coefficients(still.displaced(directions, &moved)?.vertices()))
+            Ok(space.leaf_coefficients(&surface.displacements(directions, &moved)))
         })
         .collect()
 }
