@@ -73,7 +73,7 @@ fn job(args: &FitArgs) -> Result<FitJob> {
         tolerance: args.tolerance,
         mesh_tolerance: args.mesh_tolerance,
         cell_size: args.cell_size,
-        untrimmed: args.untrimmed,
+        closing: args.close.into(),
         states: args.states.clone(),
         animation: args.animate.clone(),
         report: args.page.output(&args.common),

@@ -25,6 +25,7 @@ use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_in
 use planish_mesh::BoundingBox;
 use planish_sense::SensorKind;
 use planish_spline::Shape;
+use planish_surface::export::Closing;
 use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, Strategy, fit, update};
 use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::observe::check_domain;
@@ -77,8 +78,8 @@ pub struct FitJob {
     /// Side of the cells of rasters; about the spacing of the readings where none is given. Without a unit,
     /// it is in that of the model.
     pub cell_size: Option<Length>,
-    /// Keep the parts of a sheet that were neither measured nor inferred in meshes and STEP files.
-    pub untrimmed: bool,
+    /// Which parts that were neither measured nor inferred meshes and STEP files have.
+    pub closing: Closing,
     /// Folder for the states of a bending sheet, one model and one mesh per time.
     pub states: Option<PathBuf>,
     /// A .glb file or a folder of pictures that shows how the model formed, reading by reading.
@@ -206,7 +207,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let mesh_tolerance = job.mesh_tolerance.map(|length| length.in_unit(fitted.model.unit));
     let mut states_prepared = Vec::new();
     for (state, outputs) in &states {
-        let options = OutputOptions { mesh_tolerance, untrimmed: job.untrimmed, ..OutputOptions::default() };
+        let options = OutputOptions { mesh_tolerance, closing: job.closing, ..OutputOptions::default() };
         states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
     }
     // Drawing can be interrupted, writing cannot.
@@ -330,7 +331,7 @@ fn write(
     let options = OutputOptions {
         mesh_tolerance: job.mesh_tolerance.map(|length| length.in_unit(model.unit)),
         cell_size: job.cell_size.map(|length| length.in_unit(model.unit)),
-        untrimmed: job.untrimmed,
+        closing: job.closing,
         georeference: set.georeference.clone(),
     };
     let prepared = prepare(model, posterior, outputs, &options)?;

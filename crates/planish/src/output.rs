@@ -11,9 +11,9 @@ use planish_exchange::step::{Brep, StepOptions, write_step};
 use planish_exchange::{
     GeoReference, Unit, check_writable, extension, make_folder, real_path, stl, write_atomically,
 };
-use planish_surface::export::{BrepOptions, brep_from_model, brep_from_surface};
+use planish_surface::export::{BrepOptions, Closing, brep_from_model};
 use planish_surface::export::{Dem, dem_from_model};
-use planish_surface::export::{ModelMesh, mesh_from_model, trimmed_mesh_from_model, write_model_mesh};
+use planish_surface::export::{ModelMesh, trimmed_mesh_from_model, write_model_mesh};
 use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::saved::{Session, save};
 use serde::{Serialize, Serializer};
@@ -154,8 +154,8 @@ pub struct OutputOptions {
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings if none is
     /// given.
     pub cell_size: Option<f64>,
-    /// Keep the parts of a sheet that were neither measured nor inferred in meshes and STEP files.
-    pub untrimmed: bool,
+    /// Which parts that were neither measured nor inferred meshes and STEP files have.
+    pub closing: Closing,
     /// The map that rasters belong to.
     pub georeference: Option<GeoReference>,
 }
@@ -247,8 +247,7 @@ pub fn prepare<'a>(
 ) -> Result<Prepared<'a>> {
     // One mesh serves all mesh formats, so that they agree with each other.
     let mesh = match outputs.iter().any(|output| output.format.is_mesh()) {
-        true if options.untrimmed => Some(mesh_from_model(model, posterior, options.mesh_tolerance)?),
-        true => Some(trimmed_mesh_from_model(model, posterior, options.mesh_tolerance)?),
+        true => Some(trimmed_mesh_from_model(model, posterior, options.closing, options.mesh_tolerance)?),
         false => None,
     };
     let dem = match outputs.iter().any(|output| output.format == OutputFormat::Tiff) {
@@ -256,10 +255,7 @@ pub fn prepare<'a>(
         false => None,
     };
     let step = outputs.iter().any(|output| output.format == OutputFormat::Step);
-    let brep = step.then(|| match options.untrimmed {
-        true => brep_from_surface(&model.surface, &BrepOptions::default()),
-        false => brep_from_model(model, &BrepOptions::default()),
-    });
+    let brep = step.then(|| brep_from_model(model, options.closing, &BrepOptions::default()));
     if let Some(brep) = &brep {
         // Faces that do not meet are of no use for CAD, so this is an error before anything is written.
         brep.check(step_uncertainty(model.unit))?;

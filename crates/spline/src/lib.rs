@@ -92,4 +92,4 @@ pub use shape_choice::{choose_base_shape, principal_axes};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};
 pub use system::SurfaceSystem;
 pub use tangent_rows::{TangentRows, curvature_tensor};
-pub use tessellation::{Tessellation, TessellationOptions, min_triangles, tessellate, tessellate_at_least};
+pub use tessellation::{Tessellation, TessellationOptions, min_triangles, tessellate, tessellate_parts};

@@ -92,17 +92,19 @@ pub struct Tessellation {
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
 pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Tessellation> {
-    tessellate_at_least(surface, options, |_| 0)
+    tessellate_parts(surface, options, |_| 0, |_, _| true)
 }
 
-/// [`tessellate`] with the sides of each leaf halved at least as often as stated, at most six times.
+/// [`tessellate`] for parts of a surface. The sides of each leaf are halved at least as often as stated, at
+/// most six times. Of the squares, those are kept for whose leaf and middle in it `is_kept` is true.
 ///
 /// # Errors
 /// As for [`tessellate`].
-pub fn tessellate_at_least(
+pub fn tessellate_parts(
     surface: &Surface,
     options: &TessellationOptions,
     halvings: impl Fn(usize) -> u8,
+    is_kept: impl Fn(usize, [f64; 2]) -> bool + Sync,
 ) -> Result<Tessellation> {
     let mut divided = divide(surface, options)?;
     for (leaf, (n, _)) in divided.iter_mut().enumerate() {
@@ -148,16 +150,37 @@ pub fn tessellate_at_least(
     }
     let triangles: Vec<Vec<[u32; 3]>> = plans
         .par_chunks(CHUNK)
-        .map(|chunk| {
+        .enumerate()
+        .map(|(chunk, plans)| {
             let mut out = Vec::new();
-            for plan in chunk {
-                plan.triangulate(&mesh.positions, &mut out);
+            for (leaf, plan) in (chunk * CHUNK..).zip(plans) {
+                plan.triangulate(&mesh.positions, |middle| is_kept(leaf, middle), &mut out);
             }
             out
         })
         .collect();
     mesh.triangles = triangles.concat();
+    mesh.drop_unused();
     Ok(mesh)
+}
+
+impl Tessellation {
+    /// Drops vertices without triangles.
+    fn drop_unused(&mut self) {
+        let mut number = vec![u32::MAX; self.positions.len()];
+        self.triangles.iter().flatten().for_each(|&v| number[v as usize] = 0);
+        let used: Vec<usize> = (0..number.len()).filter(|&v| number[v] == 0).collect();
+        if used.len() == number.len() {
+            return;
+        }
+        used.iter().zip(0..).for_each(|(&v, new)| number[v] = new);
+        self.triangles.iter_mut().flatten().for_each(|v| *v = number[*v as usize]);
+        self.positions = used.iter().map(|&v| self.positions[v]).collect();
+        self.normals = used.iter().map(|&v| self.normals[v]).collect();
+        self.parameters = used.iter().map(|&v| self.parameters[v]).collect();
+        self.leaf = used.iter().map(|&v| self.leaf[v]).collect();
+        self.local = used.iter().map(|&v| self.local[v]).collect();
+    }
 }
 
 /// Lower bound of the number of triangles of [`tessellate`]. It is a few per cent too low, because it does

@@ -8,4 +8,4 @@ mod trimming;
 pub use brep::{BrepOptions, brep_from_surface};
 pub use height_raster::*;
 pub use mesh::*;
-pub use trimming::brep_from_model;
+pub use trimming::{Closing, brep_from_model};

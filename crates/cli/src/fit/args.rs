@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum, ValueHint};
 use planish::Length;
 use planish::Shape;
 use planish::complete::SymmetryChoice;
+use planish::export::Closing;
 use planish::fit::{Filter, RefineBy};
 use std::path::PathBuf;
 
@@ -119,9 +120,10 @@ pub struct FitArgs {
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           help_heading = "Surface", hide_short_help = true)]
     pub cell_size: Option<Length>,
-    /// Keep parts of a sheet beyond its readings in meshes and STEP files
-    #[arg(long, help_heading = "Surface", hide_short_help = true)]
-    pub untrimmed: bool,
+    /// Close meshes and STEP files over places without readings
+    #[arg(long, value_enum, value_name = "WHEN", default_value_t = ClosingName::Auto, help_heading = "Surface",
+          hide_short_help = true)]
+    pub close: ClosingName,
 
     /// Keep only bare earth below objects up to WIDTH [default width: 36 m]
     ///
@@ -237,6 +239,27 @@ pub enum MotionName {
 pub enum Completion {
     /// By a plane, sphere or cylinder
     Smooth,
+}
+
+/// Value of `--close`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ClosingName {
+    /// All shapes but sheets, which end where their readings end
+    Auto,
+    /// All shapes: a sheet covers a whole rectangle of parameters
+    Always,
+    /// No shape: surfaces are open where nothing was measured or completed
+    Never,
+}
+
+impl From<ClosingName> for Closing {
+    fn from(name: ClosingName) -> Self {
+        match name {
+            ClosingName::Auto => Self::Auto,
+            ClosingName::Always => Self::Always,
+            ClosingName::Never => Self::Never,
+        }
+    }
 }
 
 /// Value of `--filter`.

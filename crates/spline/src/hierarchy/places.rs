@@ -253,8 +253,10 @@ impl Hierarchy {
         Some(CellAcross { cell: Cell { level, i: to[0] as u32, j: to[1] as u32 }, along_u, reversed })
     }
 
-    /// A number for the point at a place of the grid of a level, the same in all cells that share it.
-    pub(crate) fn point_number(&self, level: usize, cell: Cell, [x, y]: [u64; 2]) -> u64 {
+    /// A number for the point at a place of the grid of a level, the same in all cells that share it. A point
+    /// at a pole has a number for each column.
+    #[must_use]
+    pub fn point_number(&self, level: usize, cell: Cell, [x, y]: [u64; 2]) -> u64 {
         match &self.topology {
             Topology::Grid(_) => {
                 let [columns, rows] = grid(self.base, level).map(|n| n as u64);

@@ -234,7 +234,13 @@ impl LeafPlan {
         out
     }
 
-    pub(super) fn triangulate(&self, positions: &[DVec3], out: &mut Vec<[u32; 3]>) {
+    /// Adds the triangles of the squares for whose middles, in the leaf, `is_kept` is true.
+    pub(super) fn triangulate(
+        &self,
+        positions: &[DVec3],
+        is_kept: impl Fn([f64; 2]) -> bool,
+        out: &mut Vec<[u32; 3]>,
+    ) {
         let ring = self.ring_length() as u32;
         let first_inner = self.first_own + self.own_ring.len() as u32;
         let number = |index: u32| {
@@ -242,8 +248,11 @@ impl LeafPlan {
         };
         // The order of `vertices`.
         let mut middle = first_inner + self.inner_count();
-        self.for_each_polygon(|_, _, polygon, has_middle| {
-            if has_middle {
+        let [hu, hv] = self.steps.map(|step| f64::from(step) / f64::from(self.length));
+        self.for_each_polygon(|a, b, polygon, has_middle| {
+            if !is_kept([(f64::from(a) + 0.5) * hu, (f64::from(b) + 0.5) * hv]) {
+                middle += u32::from(has_middle);
+            } else if has_middle {
                 for k in 0..polygon.len() {
                     let next = polygon[(k + 1) % polygon.len()];
                     out.push([middle, number(polygon[k]), number(next)]);

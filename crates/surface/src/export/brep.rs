@@ -16,8 +16,10 @@
 //! forms*, CAGD 1989.
 
 mod over_quads;
+mod planes;
 mod rectangles;
 
+pub(super) use planes::FacePlanes;
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use planish_spline::{Cell, Hierarchy, Surface, quadrature};
@@ -62,7 +64,7 @@ pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
 }
 
 /// The base grid, divided into a coarser grid of patches.
-pub(super) struct Patches {
+struct Patches {
     /// For u and v.
     periodic: [bool; 2],
     polar: bool,
@@ -74,7 +76,7 @@ pub(super) struct Patches {
 
 impl Patches {
     /// As few patches as closing and the options allow.
-    pub(super) fn within(space: &Hierarchy, options: &BrepOptions) -> Self {
+    fn within(space: &Hierarchy, options: &BrepOptions) -> Self {
         let [columns, rows] = space.base().map(|n| n as u32);
         let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
         // A closed direction is cut into two faces, so that no face closes on itself.
@@ -86,12 +88,12 @@ impl Patches {
     }
 
     /// Number of the patch that contains a cell.
-    pub(super) fn of_cell(&self, cell: Cell) -> usize {
+    fn of_cell(&self, cell: Cell) -> usize {
         self.at([cell.i, cell.j].map(|index| i64::from(index >> cell.level)))
     }
 
     /// Number of the patch that contains a cell of the base grid.
-    pub(super) fn at(&self, cell: [i64; 2]) -> usize {
+    fn at(&self, cell: [i64; 2]) -> usize {
         let [a, b] =
             [0, 1].map(|d| self.cuts[d].partition_point(|&cut| i64::from(cut) <= cell[d]).max(1) - 1);
         b * self.count()[0] + a
@@ -114,6 +116,10 @@ impl Patches {
         patches
     }
 
+    fn is_closed(&self) -> bool {
+        self.periodic[0] && (self.periodic[1] || self.polar)
+    }
+
     /// Patches along u and v.
     fn count(&self) -> [usize; 2] {
         [self.cuts[0].len() - 1, self.cuts[1].len() - 1]
@@ -133,7 +139,7 @@ impl Patches {
         self.all().map(|patch| (self.spans(patch, 0) + 3) * (self.spans(patch, 1) + 3)).sum()
     }
 
-    pub(super) fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+    fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
         let [nu, nv] = self.count();
         (0..nv).flat_map(move |b| (0..nu).map(move |a| [a, b]))
     }
@@ -149,7 +155,7 @@ impl Patches {
     }
 
     /// The tensor surface on a patch. Rows at a pole equal the pole exactly.
-    pub(super) fn surface(&self, surface: &Surface, patch: [usize; 2]) -> BsplineSurface {
+    fn surface(&self, surface: &Surface, patch: [usize; 2]) -> BsplineSurface {
         let level = self.level(patch);
         let [nu, nv] = [0, 1].map(|d| self.spans(patch, d));
         let [i0, j0] = [0, 1].map(|d| self.cuts[d][patch[d]] << level);
@@ -199,9 +205,9 @@ impl Patches {
         }
     }
 
-    pub(super) fn brep(&self, surface: &Surface) -> Brep {
+    fn brep(&self, surface: &Surface) -> Brep {
         let surfaces: Vec<BsplineSurface> = self.all().map(|patch| self.surface(surface, patch)).collect();
-        let closed = self.periodic[0] && (self.periodic[1] || self.polar);
+        let closed = self.is_closed();
         // The parametrisation may be inside out, which the sign of the enclosed volume shows.
         let outward = !closed || encloses_positive_volume(surface);
         let mut builder = BrepBuilder {

@@ -9,7 +9,7 @@
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
 //! mesh does not cross itself where the surface folds.
 
-use super::trimming::KeptParts;
+use super::trimming::{Closing, KeptParts};
 use crate::model::SigmaSummary;
 use crate::model::sigmas_along;
 use crate::model::{Posterior, SurfaceModel};
@@ -18,7 +18,7 @@ use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::{TriangleMesh, VertexCurvature};
-use planish_spline::{Surface, TessellationOptions, min_triangles, tessellate, tessellate_at_least};
+use planish_spline::{Surface, TessellationOptions, min_triangles, tessellate, tessellate_parts};
 use std::path::Path;
 
 /// Approximate maximum of triangles of meshes without a requested tolerance: a file of some 40 MB.
@@ -74,18 +74,19 @@ pub fn mesh_from_model(
     mesh_of_size(model, posterior, tolerance, [MAX_DEFAULT_TRIANGLES, MAX_TRIANGLES])
 }
 
-/// [`mesh_from_model`] without the parts of a sheet that were neither measured nor inferred; see
-/// [`Support`](crate::model::Support). Other shapes stay whole.
+/// [`mesh_from_model`] without the parts that `closing` leaves out; see
+/// [`Support`](crate::model::Support).
 ///
 /// # Errors
 /// As for [`mesh_from_model`].
 pub fn trimmed_mesh_from_model(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
+    closing: Closing,
     tolerance: Option<f64>,
 ) -> Result<ModelMesh> {
     let limits = [MAX_DEFAULT_TRIANGLES, MAX_TRIANGLES];
-    let kept = KeptParts::new(model);
+    let kept = KeptParts::new(model, closing);
     placed_mesh_of_size(model, posterior, tolerance, limits, kept.as_ref()).map(|placed| placed.mesh)
 }
 
@@ -162,9 +163,12 @@ fn placed_mesh_of_size(
     let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
     let made = match kept {
         None => tessellate(&model.surface, &options)?,
-        Some(kept) => {
-            kept.trimmed(&tessellate_at_least(&model.surface, &options, |leaf| kept.halvings(leaf))?)
-        }
+        Some(kept) => tessellate_parts(
+            &model.surface,
+            &options,
+            |leaf| kept.halvings(leaf),
+            |leaf, local| kept.has(leaf, local),
+        )?,
     };
     if made.limited_leaves > 0 {
         let text = format!(

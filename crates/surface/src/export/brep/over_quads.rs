@@ -28,9 +28,8 @@ const MAX_GROWTH: usize = 2;
 pub(super) fn brep(surface: &Surface, domain: &QuadDomain) -> Brep {
     let closed = domain.borders() == 0;
     let outward = !closed || encloses_positive_volume(surface);
-    let lines = KnotLines::new(surface.space(), domain);
-    let rectangles = rectangles(domain, |rectangle| lines.division(rectangle));
-    let faces: Vec<Face> = rectangles.iter().map(|own| Face::new(surface, &lines, own)).collect();
+    let Rectangles { lines, all, .. } = Rectangles::new(surface, domain);
+    let faces: Vec<Face> = all.iter().map(|own| Face::new(surface, &lines, own)).collect();
     // The first face with a corner at a vertex gives its place.
     let mut vertices = Vec::new();
     let mut numbers = vec![None; domain.inner_vertex_count()];
@@ -94,6 +93,47 @@ pub(super) fn brep(surface: &Surface, domain: &QuadDomain) -> Brep {
     });
     let made = made.collect();
     Brep { vertices, edges, faces: made, closed }
+}
+
+/// The rectangles of a domain, and where its quads lie in them.
+pub(super) struct Rectangles<'a> {
+    surface: &'a Surface,
+    domain: &'a QuadDomain,
+    lines: KnotLines,
+    all: Vec<Rectangle>,
+    /// For each quad, its rectangle and its number in it.
+    of_quads: Vec<(usize, usize)>,
+}
+
+impl<'a> Rectangles<'a> {
+    pub(super) fn new(surface: &'a Surface, domain: &'a QuadDomain) -> Self {
+        let lines = KnotLines::new(surface.space(), domain);
+        let all = rectangles(domain, |rectangle| lines.division(rectangle));
+        let mut of_quads = vec![(0, 0); domain.cells().len()];
+        for (number, rectangle) in all.iter().enumerate() {
+            for (k, &bottom) in rectangle.bottoms.iter().enumerate() {
+                of_quads[(bottom / 4) as usize] = (number, k);
+            }
+        }
+        Self { surface, domain, lines, all, of_quads }
+    }
+
+    pub(super) fn is_closed(&self) -> bool {
+        self.domain.borders() == 0
+    }
+
+    /// The rectangle of a quad, and a point of the quad in its frame, for `last` steps along a side of quads.
+    pub(super) fn place(&self, quad: u32, at: [i64; 2], last: i64) -> (usize, [i64; 2]) {
+        let (number, k) = self.of_quads[quad as usize];
+        let rectangle = &self.all[number];
+        let [x, y] = to_side(rectangle.bottoms[k] % 4, at, last);
+        let [column, row] = [k % rectangle.columns, k / rectangle.columns];
+        (number, [column as i64 * last + x, row as i64 * last + y])
+    }
+
+    pub(super) fn surface(&self, number: usize) -> BsplineSurface {
+        Face::new(self.surface, &self.lines, &self.all[number]).surface()
+    }
 }
 
 /// Identifies a run of vertices, the same in both directions.

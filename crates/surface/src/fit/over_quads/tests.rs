@@ -1,7 +1,7 @@
 //! Fits of objects with handles.
 
 use super::{Draft, bodies_and_handles, enclosing_mesh, is_piece, leaf_areas};
-use crate::export::{BrepOptions, brep_from_model, mesh_from_model};
+use crate::export::{BrepOptions, Closing, brep_from_model, mesh_from_model};
 use crate::fit::options::Handles;
 use crate::fit::{Fit, FitOptions, FitVerdict, GlobalOptions, Strategy, fit};
 use crate::layout::{Layout, LayoutMesh};
@@ -105,7 +105,7 @@ fn models_over_quads_are_saved_and_exported() {
     let read = crate::saved::load(&path).unwrap();
     assert_eq!(read.surface.space().leaves(), made.model.surface.space().leaves());
     assert_eq!(read.surface.vertices(), made.model.surface.vertices());
-    let brep = brep_from_model(&read, &BrepOptions::default());
+    let brep = brep_from_model(&read, Closing::Auto, &BrepOptions::default());
     brep.check(1e-6).unwrap();
     let domain = read.surface.space().domain().unwrap();
     assert!(brep.closed && 4 * brep.faces.len() < domain.cells().len());
