@@ -203,7 +203,7 @@ codes! {
     SplinePartsOmitted = "spline-parts-omitted", Warning:
         "The spline omits small parts of the merged surface.",
     SplineHandlesOmitted = "spline-handles-omitted", Warning:
-        "The spline omits handles of the merged surface.",
+        "The spline has other handles than the merged surface.",
     // contour
     LengthsInPixels = "lengths-in-pixels", Warning: "Lengths are in pixels, because no pixel size is stated.",
     ReadingsIsolated = "readings-isolated", Warning: "Readings far from all others are not used.",

@@ -86,6 +86,8 @@ pub use propagation::{
     Classification, Facet, Facets, FittedPrimitive, FittedSymmetry, Prediction, Primitive, Symmetry,
     SymmetryKind, classify, fit_symmetry, propose_symmetry,
 };
+#[doc(hidden)]
+pub use quad_domain::test_meshes;
 pub use quad_domain::{Division, QuadDomain};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use shape_choice::{choose_base_shape, principal_axes};

@@ -27,8 +27,8 @@ mod division;
 mod extraordinary;
 mod half_edges;
 mod level;
-#[cfg(test)]
-pub(crate) mod test_meshes;
+#[doc(hidden)]
+pub mod test_meshes;
 #[cfg(test)]
 mod tests;
 

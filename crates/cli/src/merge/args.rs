@@ -24,8 +24,8 @@ limits follow from σ by default. A mesh gives σ in a column `sigma`; if no σ 
 the differences between patches. Corresponding points are fused, weighted by their information. Each region \
 is then assigned to one patch and the gaps are closed. In the result no edge has more than two triangles.
 
-A result without handles can also be written as one spline (.step, .planish): a sheet, a tube or a ball \
-fitted to the mesh, with the σ of the mesh. With --align, the other patches are first registered to the \
+A result of one part can also be written as one spline (.step, .planish): a sheet, a tube or a closed \
+surface with any number of handles, fitted to the mesh, with the σ of the mesh. With --align, the other patches are first registered to the \
 first patch; the JSON object has the covariance of each motion.";
 
 /// Value of `--method`.

@@ -79,8 +79,9 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     Ok((largest, in_part, count.saturating_sub(1)))
 }
 
-/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits
-/// it. Small parts beside the largest are omitted and handles are closed, each with a finding.
+/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a closed surface with as
+/// many handles as its vertices show. Small parts beside the largest are omitted, with a finding; another one
+/// reports handles of the mesh that the surface does not have.
 ///
 /// # Errors
 /// `Unsupported` for a mesh of several parts; otherwise those of [`fit`].
@@ -96,15 +97,16 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     let check = largest.check();
     // χ = 2 − 2g − b.
     let handles = (2 - check.euler_characteristic - check.boundary_loops as i64) / 2;
-    if handles > 0 {
+    let vertices = Vertices::new(merged, &in_part);
+    let fitted = fit(&vertices.as_scan(merged), &spline_options(seed), progress)?;
+    let own = fitted.report.topology.genus;
+    if own as i64 != handles {
         let text = format!(
             "the merged surface has {handles} handles (or tunnels between its seams), but the spline has \
-             none: compare it with the mesh there"
+             {own}: compare it with the mesh there"
         );
         findings.push(Finding::new(FindingCode::SplineHandlesOmitted, text));
     }
-    let vertices = Vertices::new(merged, &in_part);
-    let fitted = fit(&vertices.as_scan(merged), &spline_options(seed), progress)?;
     let mut model = fitted.model;
     let carried = carry_sigma(&mut model, &vertices)?;
     findings.extend(fitted.report.findings);

@@ -252,6 +252,60 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
     assert!(covered > 0.9, "{covered}");
 }
 
+/// Two overlapping halves of a torus, and its outer and inner half: the spline has the handle, and a valid B-rep.
+#[test]
+fn a_merged_torus_becomes_one_spline_with_a_handle() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let (large, small) = (10.0, 4.0);
+    let [columns, rows] = [96_u32, 48];
+    let torus = |shift: f64| {
+        let at = |k: u32, n: u32| std::f64::consts::TAU * (f64::from(k) + shift) / f64::from(n);
+        let places: Vec<(f64, f64)> =
+            (0..columns * rows).map(|k| (at(k % columns, columns), at(k / columns, rows))).collect();
+        let corner = |i: u32, j: u32| j % rows * columns + i % columns;
+        let triangles: Vec<[u32; 3]> = (0..columns * rows)
+            .flat_map(|k| {
+                let [i, j] = [k % columns, k / columns];
+                let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+                [[a, b, c], [a, c, d]]
+            })
+            .collect();
+        (places, triangles)
+    };
+    let mut half = |number: usize, is_inside: &dyn Fn(f64, f64) -> bool| {
+        let (places, mut triangles) = torus(0.25 * number as f64);
+        triangles.retain(|t| t.iter().all(|v| is_inside(places[*v as usize].0, places[*v as usize].1)));
+        let position = |&(u, v): &(f64, f64), r: f64| {
+            DVec3::new((large + r * v.cos()) * u.cos(), (large + r * v.cos()) * u.sin(), r * v.sin())
+        };
+        let positions = places.iter().map(|at| position(at, small + SIGMA * normal(&mut rng))).collect();
+        let mesh = planish_mesh::TriangleMesh::try_new(positions, triangles).expect("a mesh");
+        let sigma = vec![SIGMA; mesh.positions.len()];
+        NamedPatch {
+            name: format!("half {number}"),
+            tidied: MergePatch::make_manifold(&mesh, &sigma).expect("a patch"),
+            observed: Vec::new(),
+        }
+    };
+    let patches = vec![
+        half(0, &|u, _| u.sin() > -0.2),
+        half(1, &|u, _| u.sin() < 0.2),
+        half(2, &|_, v| v.cos() > -0.1),
+    ];
+    let merged = merge(PatchSet { patches, ..PatchSet::default() }, &MergeOptions::default(), &Silent);
+    let spline = merged_spline(&merged.expect("halves overlap"), 0, &Silent).expect("one part");
+    let topology = &spline.report.topology;
+    assert_eq!((topology.genus, topology.borders), (1, 0), "{topology}");
+    assert!(spline.report.rms < 2.0 * SIGMA, "{:?}", spline.report);
+    let brep = planish::export::brep_from_model(
+        &spline.model,
+        planish::export::Closing::Auto,
+        &planish::export::BrepOptions::default(),
+    );
+    brep.check(1e-6).expect("faces that meet");
+    assert!(brep.closed);
+}
+
 #[test]
 fn other_topologies_than_sheet_tube_and_ball_stay_meshes() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);

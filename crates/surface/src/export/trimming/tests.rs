@@ -3,6 +3,7 @@ use crate::export::{ModelMesh, trimmed_mesh_from_model};
 use crate::model::{Support, SupportCell};
 use crate::test_support::{model_of, refined_surface};
 use planish_core::DVec3;
+use planish_spline::test_meshes::voxels;
 use planish_spline::{Hierarchy, QuadDomain, Surface};
 use std::sync::Arc;
 
@@ -35,25 +36,8 @@ fn model_with_parts(surface: Surface, depth: u8, keep: impl Fn(usize, [f64; 2]) 
 
 /// A block with a hole through it, over quads with divided cells in one corner: a rounded torus.
 fn block_with_hole() -> Surface {
-    let at = |x: u32, y: u32, z: u32| x + 4 * (y + 4 * z);
-    let mut quads = Vec::new();
-    let is_solid =
-        |x: i32, y: i32, z: i32| z == 0 && (0..3).contains(&x) && (0..3).contains(&y) && (x, y) != (1, 1);
-    for (x, y) in (0..9).map(|k| (k % 3, k / 3)).filter(|&(x, y)| is_solid(x, y, 0)) {
-        let [i, j] = [x, y].map(|c| c as u32);
-        let [a, b] = [0, 1].map(|z| [at(i, j, z), at(i + 1, j, z), at(i + 1, j + 1, z), at(i, j + 1, z)]);
-        quads.extend([[a[0], a[3], a[2], a[1]], b]);
-        for (k, (dx, dy)) in [(0, -1), (1, 0), (0, 1), (-1, 0)].into_iter().enumerate() {
-            if !is_solid(x + dx, y + dy, 0) {
-                quads.push([a[k], a[(k + 1) % 4], b[(k + 1) % 4], b[k]]);
-            }
-        }
-    }
-    let used: std::collections::BTreeSet<u32> = quads.iter().flatten().copied().collect();
-    let number = |v: u32| used.range(..v).count() as u32;
-    let quads: Vec<[u32; 4]> = quads.iter().map(|quad| quad.map(number)).collect();
-    let mut positions: Vec<DVec3> =
-        used.iter().map(|v| DVec3::new(f64::from(v % 4), f64::from(v / 4 % 4), f64::from(v / 16))).collect();
+    let cubes: Vec<[i32; 3]> = (0..9).filter(|k| *k != 4).map(|k| [k % 3, k / 3, 0]).collect();
+    let (quads, mut positions) = voxels(&cubes);
     let mut domain = QuadDomain::new(&quads).unwrap();
     for _ in 0..2 {
         let division = domain.divided().unwrap();

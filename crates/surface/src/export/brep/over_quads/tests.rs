@@ -6,10 +6,11 @@ use super::KnotLines;
 use crate::export::BrepOptions;
 use planish_core::DVec3;
 use planish_exchange::step::{Brep, BsplineSurface};
+use planish_spline::test_meshes::open_voxels;
 use planish_spline::{Hierarchy, QuadDomain, Surface};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashSet};
 use std::sync::Arc;
 
 /// A mesh of quads with positions.
@@ -86,39 +87,14 @@ impl Quads {
         self.positions.extend(beyond);
     }
 
-    /// The faces of unit cubes, without those that are open. Cubes may not meet in an edge only.
+    /// The faces of unit cubes, without those that are open.
     fn voxels(
         name: &'static str,
         cubes: impl Iterator<Item = [i32; 3]>,
         is_open: impl Fn([i32; 3], usize) -> bool,
         divisions: usize,
     ) -> Self {
-        let all: BTreeSet<[i32; 3]> = cubes.collect();
-        let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
-        let (mut quads, mut positions) = (Vec::new(), Vec::new());
-        for &cube in &all {
-            for (axis, side) in (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]) {
-                let mut beyond = cube;
-                beyond[axis] += 2 * side - 1;
-                if all.contains(&beyond) || is_open(cube, axis) {
-                    continue;
-                }
-                let mut turns = [[0, 0], [1, 0], [1, 1], [0, 1]];
-                if side == 0 {
-                    turns.reverse();
-                }
-                quads.push(turns.map(|[p, q]| {
-                    let mut corner = cube;
-                    corner[axis] += side;
-                    corner[(axis + 1) % 3] += p;
-                    corner[(axis + 2) % 3] += q;
-                    *numbers.entry(corner).or_insert_with(|| {
-                        positions.push(DVec3::from_array(corner.map(f64::from)));
-                        positions.len() as u32 - 1
-                    })
-                }));
-            }
-        }
+        let (quads, positions) = open_voxels(&cubes.collect::<Vec<_>>(), is_open);
         Self::new(name, &quads, positions, divisions)
     }
 
