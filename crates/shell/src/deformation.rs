@@ -1,4 +1,5 @@
-//! Linear deformations `V = V0 + W q`: a few parameters move all vertices of a mesh.
+//! Deformations `V = V0 + W q`: a few parameters move all vertices of a mesh. Those with rotations are linear
+//! about given parameters only.
 //!
 //! In: a mesh and its controls. Out: displacements of vertices, and the rows `dᵀ ∂V_v/∂q` for estimating `q`.
 //!
@@ -22,7 +23,7 @@ use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 use rayon::prelude::*;
 
-/// A linear map from parameters to the displacements of all vertices.
+/// A map from parameters to the displacements of all vertices.
 pub trait Deformation: Sync {
     /// Number of parameters.
     fn parameters(&self) -> usize;
@@ -35,11 +36,22 @@ pub trait Deformation: Sync {
     /// Number of vertices.
     fn vertices(&self) -> usize;
 
-    /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis; an index may occur more than once.
+    /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis, for parameters zero unless the map is linear;
+    /// an index may occur more than once.
     fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64));
 
     /// The matrix `R` from parameters to the basis; `None` if they are the same.
     fn reduction(&self) -> Option<&DMatrix<f64>> {
+        None
+    }
+
+    /// The displacements of all vertices, if they are not linear in the parameters.
+    fn nonlinear_displacements(&self, _q: &DVector<f64>) -> Option<Vec<DVec3>> {
+        None
+    }
+
+    /// The same map with its rows at other parameters than zero, if they depend on them.
+    fn linearised_at(&self, _q: &DVector<f64>) -> Option<Box<dyn Deformation + '_>> {
         None
     }
 
@@ -63,6 +75,9 @@ pub trait Deformation: Sync {
 /// ```
 #[must_use]
 pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<DVec3> {
+    if let Some(all) = deformation.nonlinear_displacements(q) {
+        return all;
+    }
     // Once for all vertices; the rows themselves stay short.
     let basis = in_basis(deformation, q);
     (0..deformation.vertices() as u32)
@@ -99,7 +114,7 @@ pub fn displaced_positions(
     positions.iter().zip(by).map(|(p, by)| *p + by).collect()
 }
 
-/// `dᵀ ∂V_v/∂q` over the parameters.
+/// `dᵀ ∂V_v/∂q` over the parameters, as [`Deformation::row`].
 #[must_use]
 pub fn parameter_row(deformation: &dyn Deformation, vertex: u32, direction: DVec3) -> DVector<f64> {
     let mut row = DVector::zeros(deformation.basis());

@@ -278,7 +278,8 @@ impl ShellFit {
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: DVec3) -> f64 {
         // First order; exact for deformations that are linear in their parameters.
-        let row = parameter_row(deformation, vertex, direction);
+        let linear = deformation.linearised_at(&self.parameters);
+        let row = parameter_row(linear.as_deref().unwrap_or(deformation), vertex, direction);
         let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
         // Shape that the controls cannot represent is independent of their errors.
         (by_parameters + self.unresolved_shape * self.unresolved_shape).sqrt()

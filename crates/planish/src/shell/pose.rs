@@ -49,7 +49,7 @@ use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, PoseTarget, re
 use planish_exchange::textured::{TexturedMesh, read_textured, read_vertex_list};
 use planish_mesh::TriangleMesh;
 use planish_report::numbers::significant;
-use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls};
+use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_controls, displaced_positions};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -196,7 +196,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         // Each pose starts from the given mesh, not from the pose before it. Morph targets add up in viewers.
         let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
-        let points = deformation.positions(&deformation.rigid_start(&q));
+        let points = displaced_positions(&mesh.positions, &deformation, &deformation.rigid_start(&q));
         reports.push(PoseTargetReport {
             name: pose.name.clone(),
             moved,

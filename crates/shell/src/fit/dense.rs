@@ -35,6 +35,11 @@ impl Factor {
         x
     }
 
+    /// `ln |A|`.
+    pub(super) fn log_determinant(&self) -> f64 {
+        (0..self.size).map(|k| 2.0 * self.lower.L()[(k, k)].ln()).sum()
+    }
+
     /// `A⁻¹`, `2 n³/3` multiplications.
     pub(super) fn inverse(&self) -> DMatrix<f64> {
         let inverse = self.lower.inverse();

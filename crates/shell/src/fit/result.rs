@@ -27,6 +27,9 @@ pub(super) fn finished(
     factors: &[f64; SCALES],
     weight: f64,
 ) -> Result<ShellFit> {
+    let positions = displaced_positions(&mesh.positions, deformation, &state.q);
+    let linear = deformation.linearised_at(&state.q);
+    let deformation = linear.as_deref().unwrap_or(deformation);
     let loss = &priors.options.loss;
     let poses = priors.poses.len();
     let parameters = state.q.len();
@@ -60,7 +63,7 @@ pub(super) fn finished(
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
     let fit_of = |source: Source, count: usize| source_fit(equations, source, count, factors, priors);
     Ok(ShellFit {
-        positions: displaced_positions(&mesh.positions, deformation, &state.q),
+        positions,
         covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
         points: fit_of(Source::Point, readings.points.len()),
         outlines: fit_of(Source::Outline, outlines),

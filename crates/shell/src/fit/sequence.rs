@@ -7,13 +7,16 @@
 //! over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone; the velocity after it has only the
 //! smooth prior.
 //!
-//! The filter carries the information of the readings. The smoothness of shapes, `λ K` with the `λ` of the
-//! first frame, is applied once in each frame and is not carried on. Each frame is first fitted from the
-//! estimate of the last one. The information `N` and the vector `η` of its readings determine the strength of
-//! accelerations: `c` maximises the likelihood of all frames so far, with older frames discounted. With the
-//! prior mean `m` and information `Λ(c)` of the frame,
+//! The filter carries the information of the readings. The smoothness of shapes, `λ K`, is applied once in
+//! each frame and is not carried on. Each frame is first fitted from the estimate of the last one. The
+//! information `N` and the vector `η` of its readings determine `λ` and the strength of accelerations: both
+//! maximise the likelihood of all frames so far, with older frames discounted. With the prior mean `m` and
+//! information `Λ(c, λ)` of the frame,
 //!
-//! `ln L(c) = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
+//! `ln L = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
+//!
+//! A single frame says little about `λ`: if it shows the object at rest, its likelihood grows with `λ`
+//! without bound. `ln λ` therefore has a wide Gaussian prior, and later frames count.
 //!
 //! Prediction and smoothness are then the prior of a second fit, whose equations are linearised anew where it
 //! ends (an iterated filter).
@@ -24,6 +27,7 @@
 //! Not guaranteed: an object that moves farther between two frames than [`super::fit_shell`] can follow is
 //! lost.
 
+use super::dense::Factor;
 use super::{
     ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_with_progress,
     undetermined,
@@ -32,18 +36,20 @@ use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
+use rayon::prelude::*;
 
 /// `ε` as a share of the mean diagonal of `K`: the cost of moving all controls together, relative to moving
 /// one alone.
 const COMMON_MOTION_COST: f64 = 0.02;
-/// Candidates of `c` per factor of ten.
-const PER_DECADE: i32 = 3;
 /// Factor on the log-likelihood of past frames. Smaller values follow a change of motion sooner; larger ones
-/// give a steadier `c`.
+/// give steadier weights.
 const MEMORY: f64 = 0.8;
-/// Range of the candidates of `c` in decades, around the value at which motion and readings have equal
-/// variance.
-const DECADES: (i32, i32) = (-3, 6);
+/// Candidates of `c` in half decades, around the value at which motion and readings have equal variance.
+const MOTION_HALF_DECADES: (i32, i32) = (-6, 12);
+/// Candidates of `λ` in decades, around the value at which smoothness and readings have equal information.
+const SHAPE_DECADES: (i32, i32) = (-6, 3);
+/// Standard deviation of the prior of `λ`, in decades.
+const SHAPE_PRIOR_DECADES: f64 = 2.0;
 
 /// The fit of one frame.
 #[derive(Debug, Clone)]
@@ -97,11 +103,9 @@ struct Motion {
     covariance: DMatrix<f64>,
     /// The parameters of the last frame.
     found: DVector<f64>,
-    /// `λ K` of shapes.
-    shape: DMatrix<f64>,
     /// Whether anything is known of velocities.
     moves: bool,
-    /// How strong accelerations are.
+    /// How strong accelerations and smoothness are.
     evidence: Evidence,
 }
 
@@ -157,25 +161,21 @@ impl<'a> ShellTracker<'a> {
         let parameters = self.deformation.parameters();
         let identity = DMatrix::<f64>::identity(parameters, parameters);
         let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
-        let shape = fit.smoothness_weight * &self.stiffness;
         // The information of the readings alone may be singular; a prior of half the mesh's size makes it
         // regular.
         let floor = (0.5 * self.size).powi(-2);
         let n = &fit.data_information;
-        let covariance = (n + floor * &identity).cholesky().ok_or_else(undetermined)?.inverse();
+        let vector = n * &fit.parameters + fit.smoothness_weight * (&self.stiffness * &fit.parameters);
+        let covariance = Factor::new(&(n + floor * &identity)).ok_or_else(undetermined)?.inverse();
         let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
         joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
         let mut mean = DVector::zeros(2 * parameters);
-        let own = &covariance * (n * &fit.parameters + &shape * &fit.parameters);
-        mean.rows_mut(0, parameters).copy_from(&own);
-        self.state = Some(Motion {
-            mean,
-            covariance: joint,
-            found: fit.parameters.clone(),
-            shape,
-            moves: false,
-            evidence: Evidence::default(),
-        });
+        mean.rows_mut(0, parameters).copy_from(&(&covariance * &vector));
+        let mut evidence = Evidence::of_shapes(n.trace() / self.stiffness.trace().max(f64::MIN_POSITIVE));
+        let zero = DVector::zeros(parameters);
+        evidence.add(&self.stiffness, (n, &vector), &[Prediction::new(floor * identity, &zero)]);
+        self.state =
+            Some(Motion { mean, covariance: joint, found: fit.parameters.clone(), moves: false, evidence });
         Ok(FrameFit { fit, predicted: None, acceleration: 0.0 })
     }
 
@@ -217,16 +217,22 @@ impl<'a> ShellTracker<'a> {
         let vector = n * &first.parameters + pull;
         let own_mean = mean.rows(0, parameters).into_owned();
         let base = joint.view((0, 0), (parameters, parameters)).into_owned();
-        let mut evidence = last.evidence.clone();
-        if evidence.steps.is_empty() {
-            // The centre of the range: motion as large as the uncertainty of the readings.
-            let unit = parameters as f64 / (n * &self.smooth).trace().max(f64::MIN_POSITIVE);
-            evidence.steps = (DECADES.0 * PER_DECADE..=DECADES.1 * PER_DECADE)
-                .map(|k| (unit * 10_f64.powf(f64::from(k) / f64::from(PER_DECADE)), 0.0))
-                .collect();
-        }
-        evidence.add((&base, &(of[0][0] * &self.smooth)), (&own_mean, &last.shape), (n, &vector));
-        let acceleration = evidence.most_likely();
+        // The centre of the range: motion as large as the uncertainty of the readings.
+        let unit = parameters as f64 / (n * &self.smooth).trace().max(f64::MIN_POSITIVE);
+        let mut evidence = match last.moves {
+            true => last.evidence.clone(),
+            false => last.evidence.with_motions(unit),
+        };
+        let growing = of[0][0] * &self.smooth;
+        let predictions: Vec<Prediction> = (evidence.motions.par_iter())
+            .map(|c| {
+                let own = Factor::new(&(&base + *c * &growing)).ok_or_else(undetermined)?.inverse();
+                Ok(Prediction::new(own, &own_mean))
+            })
+            .collect::<Result<_>>()?;
+        evidence.add(&self.stiffness, (n, &vector), &predictions);
+        let [acceleration, weight] = evidence.most_likely();
+        let shape = weight * &self.stiffness;
         for (i, row) in of.iter().enumerate() {
             for (j, share) in row.iter().enumerate() {
                 let mut block = joint.view_mut((i * parameters, j * parameters), (parameters, parameters));
@@ -235,7 +241,7 @@ impl<'a> ShellTracker<'a> {
         }
         let columns = joint.columns(0, parameters).into_owned();
         let own = columns.rows(0, parameters).into_owned();
-        let prior = with_shape(&own, &own_mean, &last.shape).ok_or_else(undetermined)?;
+        let prior = with_shape(&own, &own_mean, &shape).ok_or_else(undetermined)?;
         let predicted = prior.mean.clone();
         let finest = self.options.softness.1;
         let options = ShellFitOptions {
@@ -265,7 +271,6 @@ impl<'a> ShellTracker<'a> {
             mean,
             covariance: 0.5 * (&covariance + covariance.transpose()),
             found: fit.parameters.clone(),
-            shape: last.shape.clone(),
             moves: true,
             evidence,
         });
@@ -279,50 +284,86 @@ fn with_shape(
     mean: &DVector<f64>,
     shape: &DMatrix<f64>,
 ) -> Option<ParameterPrior> {
-    let own = covariance.clone().cholesky()?.inverse();
+    let own = Factor::new(covariance)?.inverse();
     let information = &own + shape;
-    let mean = information.clone().cholesky()?.solve(&(own * mean));
+    let mean = Factor::new(&information)?.solve(&(own * mean));
     Some(ParameterPrior { mean, information })
 }
 
-/// Log-likelihood of each candidate `c` over all frames so far, older ones discounted.
-#[derive(Clone, Default)]
+/// What the frames before predict: the information, and its product with the mean.
+struct Prediction {
+    information: DMatrix<f64>,
+    vector: DVector<f64>,
+}
+
+impl Prediction {
+    fn new(information: DMatrix<f64>, mean: &DVector<f64>) -> Self {
+        Self { vector: &information * mean, information }
+    }
+}
+
+/// Log-likelihoods of pairs of `c` and `λ` over all frames so far, older ones discounted.
+#[derive(Clone)]
 struct Evidence {
-    /// `c` and its log-likelihood.
-    steps: Vec<(f64, f64)>,
+    /// Candidates of `c`; none before the second frame.
+    motions: Vec<f64>,
+    /// Candidates of `λ`, each with its log-prior.
+    shapes: Vec<[f64; 2]>,
+    /// For each motion, or once before the second frame: the log-likelihood of each shape.
+    likelihoods: Vec<Vec<f64>>,
 }
 
 impl Evidence {
-    /// Adds a frame: covariance of its prediction and its growth with `c`, predicted mean and smoothness of
-    /// shapes, and information and vector of the readings.
-    fn add(
-        &mut self,
-        (base, growing): (&DMatrix<f64>, &DMatrix<f64>),
-        (mean, shape): (&DVector<f64>, &DMatrix<f64>),
-        (n, vector): (&DMatrix<f64>, &DVector<f64>),
-    ) {
-        for (c, likelihood) in &mut self.steps {
-            *likelihood *= MEMORY;
-            let prior = with_shape(&(base + *c * growing), mean, shape);
-            let found = prior.and_then(|prior| {
-                let before = prior.information.clone().cholesky()?;
-                let after = (&prior.information + n).cholesky()?;
-                let r = vector - n * &prior.mean;
-                let half_determinant = |l: &DMatrix<f64>| l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
-                // ηᵀq − ½ qᵀNq at the prior's mean: it varies with c because the mean does.
-                let own = vector.dot(&prior.mean) - 0.5 * prior.mean.dot(&(n * &prior.mean));
-                Some(
-                    own + 0.5 * r.dot(&after.solve(&r)) + half_determinant(before.l_dirty())
-                        - half_determinant(after.l_dirty()),
-                )
-            });
-            *likelihood += found.unwrap_or(f64::NEG_INFINITY);
+    /// Candidates of `λ` around a value.
+    fn of_shapes(middle: f64) -> Self {
+        let shapes: Vec<[f64; 2]> = (SHAPE_DECADES.0..=SHAPE_DECADES.1)
+            .map(|k| [middle * 10_f64.powi(k), -0.5 * (f64::from(k) / SHAPE_PRIOR_DECADES).powi(2)])
+            .collect();
+        Self { motions: Vec::new(), likelihoods: vec![vec![0.0; shapes.len()]], shapes }
+    }
+
+    /// The same shapes with each of the candidates of `c` around a value.
+    fn with_motions(&self, middle: f64) -> Self {
+        let half_decades = MOTION_HALF_DECADES.0..=MOTION_HALF_DECADES.1;
+        let motions: Vec<f64> = half_decades.map(|k| middle * 10_f64.powf(0.5 * f64::from(k))).collect();
+        Self {
+            likelihoods: vec![self.likelihoods[0].clone(); motions.len()],
+            motions,
+            shapes: self.shapes.clone(),
         }
     }
 
-    fn most_likely(&self) -> f64 {
-        (self.steps.iter())
-            .fold((0.0, f64::NEG_INFINITY), |best, step| if step.1 > best.1 { *step } else { best })
-            .0
+    /// Adds a frame with the information and vector of its readings, and what each motion predicts.
+    fn add(
+        &mut self,
+        stiffness: &DMatrix<f64>,
+        (n, vector): (&DMatrix<f64>, &DVector<f64>),
+        predictions: &[Prediction],
+    ) {
+        let likelihood = |prediction: &Prediction, weight: f64| -> Option<f64> {
+            let information = &prediction.information + weight * stiffness;
+            let before = Factor::new(&information)?;
+            let after = Factor::new(&(information + n))?;
+            let mean = before.solve(&prediction.vector);
+            let r = vector - n * &mean;
+            // ηᵀm − ½ mᵀNm varies because the mean does.
+            let own = vector.dot(&mean) - 0.5 * mean.dot(&(n * &mean));
+            let determinants = before.log_determinant() - after.log_determinant();
+            Some(own + 0.5 * r.dot(&after.solve(&r)) + 0.5 * determinants)
+        };
+        let shapes = &self.shapes;
+        self.likelihoods.par_iter_mut().zip(predictions).for_each(|(own, prediction)| {
+            for (sum, [weight, _]) in own.iter_mut().zip(shapes) {
+                *sum = MEMORY * *sum + likelihood(prediction, *weight).unwrap_or(f64::NEG_INFINITY);
+            }
+        });
+    }
+
+    /// The most likely `c` and `λ`.
+    fn most_likely(&self) -> [f64; 2] {
+        let pairs = self.motions.iter().zip(&self.likelihoods).flat_map(|(c, own)| {
+            self.shapes.iter().zip(own).map(move |([weight, prior], sum)| ([*c, *weight], prior + sum))
+        });
+        pairs.fold(([0.0; 2], f64::NEG_INFINITY), |best, pair| if pair.1 > best.1 { pair } else { best }).0
     }
 }

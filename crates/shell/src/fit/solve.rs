@@ -322,7 +322,9 @@ impl<'a> Search<'a> {
         let options = setup.options;
         let poses = self.priors.poses.len();
         let scale = (&self.factors, &[1.0; SCALES]);
-        let pass = sum(equations, setup.deformation, poses, &options.loss, scale, true);
+        let linear = setup.deformation.linearised_at(&self.state.q);
+        let rows = linear.as_deref().unwrap_or(setup.deformation);
+        let pass = sum(equations, rows, poses, &options.loss, scale, true);
         // The weight must not count shape as determined that a camera pose could explain as well.
         let alone = self.priors.without_poses(&self.state, &pass)?;
         let displacement = &self.state.q - &self.priors.start;

@@ -1,7 +1,7 @@
 use super::*;
 use crate::controls::{automatic_controls, stiffness};
-use crate::deformation::displacements;
 use crate::deformation::{Dirichlet, Lattice, LatticeBasis};
+use crate::deformation::{PartMotion, RigidPart, RigidParts, displaced_positions, displacements};
 use planish_core::SymmetricMatrix3;
 use planish_mesh::{MeshSearch, icosphere, sample_points};
 use rand::{RngExt, SeedableRng};
@@ -212,4 +212,57 @@ fn messages_name_the_invalid_value() {
     assert!(refused(&[good], &small).contains("2 × 2"));
     // One point does not determine most controls.
     assert!(refused(&[good], &defaults).contains("controls"));
+}
+
+/// A part that turned by 35° is found with its size. Linearised at rest, it was found turned by half of that.
+#[test]
+fn a_part_that_turns_keeps_its_size() {
+    const SIGMA: f64 = 0.004;
+    let mut mesh = icosphere(1.0, 3);
+    for p in &mut mesh.positions {
+        let nose = 0.25 * (-8.0 * p.distance_squared(DVec3::new(0.8, 0.0, 0.6))).exp();
+        *p = (1.0 + nose) * *p * DVec3::new(0.9, 0.7, 1.6);
+    }
+    let head: Vec<u32> =
+        (0..mesh.positions.len() as u32).filter(|v| mesh.positions[*v as usize].z > 0.2).collect();
+    let controls = automatic_controls(&mesh, 20).unwrap();
+    let inner = Box::new(Dirichlet::new(&controls.points, &mesh.positions).unwrap());
+    let part = RigidPart { vertices: head, motion: PartMotion::Free };
+    let made = RigidParts::new(&mesh, inner, &[part], 0.8).unwrap();
+    let k = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let count = made.parameters();
+    // The rotation times the radius of the part follows its translation.
+    let turned = |size: f64| {
+        let mut q = DVector::zeros(count);
+        q[count - 1] = size;
+        q
+    };
+    let radius = {
+        let by = displacements(&made, &turned(1e-6));
+        let v = (0..by.len()).max_by(|a, b| by[*a].length().total_cmp(&by[*b].length())).unwrap();
+        let p = mesh.positions[v];
+        1e-6 * p.x.hypot(p.y) / by[v].length()
+    };
+    let angle = 35.0_f64.to_radians();
+    let truth = TriangleMesh {
+        positions: displaced_positions(&mesh.positions, &made, &turned(angle * radius)),
+        triangles: mesh.triangles.clone(),
+    };
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut places = ChaCha8Rng::seed_from_u64(6);
+    let points: Vec<PointReading> = (sample_points(&truth, 1500, || places.random_range(0.0..1.0)).unwrap())
+        .iter()
+        .map(|place| PointReading {
+            at: place.position.map(|x| {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                x + SIGMA * noise
+            }),
+            covariance: SymmetricMatrix3::isotropic(SIGMA * SIGMA),
+        })
+        .collect();
+    let options = ShellFitOptions { stiffness: Some(made.stiffness(&k)), ..ShellFitOptions::default() };
+    let fit = fit_points(&mesh, &made, &points, &options).unwrap();
+    let found = fit.parameters.rows(count - 3, 3).norm() / radius;
+    assert!((found - angle).abs() < 0.01, "{} of 35°", found.to_degrees());
+    assert!(fit.points.rms < 1.3 * SIGMA, "{}", fit.points.rms);
 }

@@ -112,3 +112,40 @@ fn a_moving_object_is_tracked() {
     let message = ShellTracker::new(&mesh, &deformation, none).err().unwrap().to_string();
     assert!(message.contains("stiffness"));
 }
+
+/// The first frame shows the mesh itself: its likelihood grows with the smoothness weight without bound. Later
+/// frames are followed all the same.
+#[test]
+fn an_object_at_rest_in_the_first_frame_is_followed() {
+    const SIGMA: f64 = 0.004;
+    let mesh = icosphere(1.0, 3);
+    let controls = automatic_controls(&mesh, CONTROLS).unwrap();
+    let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
+    let k = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let options = ShellFitOptions { stiffness: Some(k), steps: 2, ..ShellFitOptions::default() };
+    let mut tracker = ShellTracker::new(&mesh, &deformation, options).unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    for frame in 0..4_u64 {
+        let bend = 0.05 * frame as f64;
+        let positions = mesh.positions.iter().map(|p| *p + DVec3::X * (bend * p.z * p.z)).collect();
+        let truth = TriangleMesh { positions, triangles: mesh.triangles.clone() };
+        let mut places = ChaCha8Rng::seed_from_u64(frame);
+        let points: Vec<PointReading> = (sample_points(&truth, 600, || places.random_range(0.0..1.0))
+            .unwrap())
+        .iter()
+        .map(|place| PointReading {
+            at: place.position.map(|x| {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                x + SIGMA * noise
+            }),
+            covariance: SymmetricMatrix3::isotropic(SIGMA * SIGMA),
+        })
+        .collect();
+        let readings = ShellReadings { points: &points, ..ShellReadings::default() };
+        let made = tracker.follow(&readings).unwrap();
+        let search = MeshSearch::try_new(&truth).unwrap();
+        let off: Vec<f64> = made.fit.positions.iter().map(|p| search.closest(*p).unwrap().distance).collect();
+        // Vertices of both meshes are on the same facets only where nothing slides along the surface.
+        assert!(rms(&off) < 2.0 * SIGMA, "frame {frame}: {}", rms(&off));
+    }
+}
