@@ -36,8 +36,8 @@ pub trait Deformation: Sync {
     /// Number of vertices.
     fn vertices(&self) -> usize;
 
-    /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis, for parameters zero unless the map is linear;
-    /// an index may occur more than once.
+    /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis, for parameters zero unless the map is
+    /// linear; an index may occur more than once.
     fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64));
 
     /// The matrix `R` from parameters to the basis; `None` if they are the same.

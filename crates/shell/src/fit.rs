@@ -169,6 +169,8 @@ pub struct ShellFit {
     pub tracks: SourceFit,
     /// Information of the readings about the parameters, without priors, marginalised over the poses.
     pub data_information: DMatrix<f64>,
+    /// The information times the parameters that the readings alone favour.
+    pub data_vector: DVector<f64>,
     /// Why the iterations ended.
     pub termination: Termination,
     /// Total number of iterations.

@@ -79,9 +79,9 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     Ok((largest, in_part, count.saturating_sub(1)))
 }
 
-/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a closed surface with as
-/// many handles as its vertices show. Small parts beside the largest are omitted, with a finding; another one
-/// reports handles of the mesh that the surface does not have.
+/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a closed surface with
+/// as many handles as its vertices show. Small parts beside the largest are omitted, with a finding; another
+/// one reports handles of the mesh that the surface does not have.
 ///
 /// # Errors
 /// `Unsupported` for a mesh of several parts; otherwise those of [`fit`].

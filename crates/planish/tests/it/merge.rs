@@ -252,7 +252,8 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
     assert!(covered > 0.9, "{covered}");
 }
 
-/// Two overlapping halves of a torus, and its outer and inner half: the spline has the handle, and a valid B-rep.
+/// Two overlapping halves of a torus, and its outer and inner half: the spline has the handle, and a valid
+/// B-rep.
 #[test]
 fn a_merged_torus_becomes_one_spline_with_a_handle() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);

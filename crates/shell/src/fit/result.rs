@@ -50,8 +50,11 @@ pub(super) fn finished(
     let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
     // The information of an M-estimate is E[ψ']²/E[ψ²] times that of unweighted equations; the weights have
     // already multiplied it by their mean.
-    pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
-    let data_information = priors.without_poses(&state, &pass)?.information;
+    let share = moments.slope * moments.slope / (moments.influence_squared * moments.weight);
+    pass.information *= share;
+    pass.vector *= share;
+    let of_data = priors.without_poses(&state, &pass)?;
+    let data_vector = &of_data.information * &state.q + of_data.vector;
     let (information, _) = priors.add(&state, weight, &pass);
     let covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
     let mut pose_covariances = vec![None; state.cameras.len()];
@@ -73,7 +76,8 @@ pub(super) fn finished(
         pose_covariances,
         smoothness_weight: weight,
         unresolved_shape: ResidualCorrelation::sigma(&misfits),
-        data_information,
+        data_vector,
+        data_information: of_data.information,
         termination: Termination::Limit,
         iterations: 0,
     })

@@ -8,15 +8,16 @@
 //! smooth prior.
 //!
 //! The filter carries the information of the readings. The smoothness of shapes, `λ K`, is applied once in
-//! each frame and is not carried on. Each frame is first fitted from the estimate of the last one. The
-//! information `N` and the vector `η` of its readings determine `λ` and the strength of accelerations: both
-//! maximise the likelihood of all frames so far, with older frames discounted. With the prior mean `m` and
-//! information `Λ(c, λ)` of the frame,
+//! each frame and is not carried on. Each frame is first fitted from the estimate of the last one. With the
+//! information `N` and the vector `η` of its readings, and a prior of mean `m` and information `Λ`, its
+//! likelihood is
 //!
 //! `ln L = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
 //!
-//! A single frame says little about `λ`: if it shows the object at rest, its likelihood grows with `λ`
-//! without bound. `ln λ` therefore has a wide Gaussian prior, and later frames count.
+//! `λ` maximises that of all frames so far, each with `λ K` alone as its prior; `c` that of all with their
+//! predictions and `λ K`. For `c`, older frames are discounted. One frame says little about `λ`: if it shows
+//! the object at rest, its likelihood grows with `λ` without bound. `ln λ` therefore has a wide Gaussian
+//! prior, and later frames count.
 //!
 //! Prediction and smoothness are then the prior of a second fit, whose equations are linearised anew where it
 //! ends (an iterated filter).
@@ -46,10 +47,11 @@ const COMMON_MOTION_COST: f64 = 0.02;
 const MEMORY: f64 = 0.8;
 /// Candidates of `c` in half decades, around the value at which motion and readings have equal variance.
 const MOTION_HALF_DECADES: (i32, i32) = (-6, 12);
-/// Candidates of `λ` in decades, around the value at which smoothness and readings have equal information.
-const SHAPE_DECADES: (i32, i32) = (-6, 3);
-/// Standard deviation of the prior of `λ`, in decades.
-const SHAPE_PRIOR_DECADES: f64 = 2.0;
+/// Candidates of `λ` in half decades, around the value at which smoothness and readings have equal
+/// information.
+const SHAPE_HALF_DECADES: (i32, i32) = (-14, 6);
+/// Standard deviation of the prior of `λ`, in half decades.
+const SHAPE_PRIOR_HALF_DECADES: f64 = 4.0;
 
 /// The fit of one frame.
 #[derive(Debug, Clone)]
@@ -105,8 +107,10 @@ struct Motion {
     found: DVector<f64>,
     /// Whether anything is known of velocities.
     moves: bool,
-    /// How strong accelerations and smoothness are.
-    evidence: Evidence,
+    /// Candidates of `λ`.
+    shapes: Candidates,
+    /// Candidates of `c`; none before the second frame.
+    motions: Candidates,
 }
 
 impl<'a> ShellTracker<'a> {
@@ -165,18 +169,35 @@ impl<'a> ShellTracker<'a> {
         // regular.
         let floor = (0.5 * self.size).powi(-2);
         let n = &fit.data_information;
-        let vector = n * &fit.parameters + fit.smoothness_weight * (&self.stiffness * &fit.parameters);
+        let vector = &fit.data_vector;
         let covariance = Factor::new(&(n + floor * &identity)).ok_or_else(undetermined)?.inverse();
         let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
         joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
         let mut mean = DVector::zeros(2 * parameters);
-        mean.rows_mut(0, parameters).copy_from(&(&covariance * &vector));
-        let mut evidence = Evidence::of_shapes(n.trace() / self.stiffness.trace().max(f64::MIN_POSITIVE));
-        let zero = DVector::zeros(parameters);
-        evidence.add(&self.stiffness, (n, &vector), &[Prediction::new(floor * identity, &zero)]);
-        self.state =
-            Some(Motion { mean, covariance: joint, found: fit.parameters.clone(), moves: false, evidence });
+        mean.rows_mut(0, parameters).copy_from(&(&covariance * vector));
+        let mut shapes = Candidates::around(
+            n.trace() / self.stiffness.trace().max(f64::MIN_POSITIVE),
+            SHAPE_HALF_DECADES,
+            SHAPE_PRIOR_HALF_DECADES,
+        );
+        shapes.add((n, vector), 1.0, |weight| self.shape_alone(weight));
+        self.state = Some(Motion {
+            mean,
+            covariance: joint,
+            found: fit.parameters.clone(),
+            moves: false,
+            shapes,
+            motions: Candidates::default(),
+        });
         Ok(FrameFit { fit, predicted: None, acceleration: 0.0 })
+    }
+
+    /// The prior of shapes with a smoothness weight. Rigid motions are known to half the mesh's size.
+    fn shape_alone(&self, weight: f64) -> Option<ParameterPrior> {
+        let parameters = self.deformation.parameters();
+        let floor = (0.5 * self.size).powi(-2);
+        let information = weight * &self.stiffness + DMatrix::identity(parameters, parameters) * floor;
+        Some(ParameterPrior { mean: DVector::zeros(parameters), information })
     }
 
     /// [`ShellTracker::follow`] that calls `watch` before each iteration. An error returned by `watch` stops
@@ -210,29 +231,21 @@ impl<'a> ShellTracker<'a> {
         let first = fit_shell_with_progress(self.mesh, self.deformation, readings, &options, &mut |at| {
             half(0.0, at)
         })?;
-        // At the minimum, the gradients of the readings and of the smoothness cancel: that gives the vector
-        // η.
-        let n = &first.data_information;
-        let pull = first.smoothness_weight * (&self.stiffness * (&first.parameters - &last.found));
-        let vector = n * &first.parameters + pull;
+        let (n, vector) = (&first.data_information, &first.data_vector);
         let own_mean = mean.rows(0, parameters).into_owned();
         let base = joint.view((0, 0), (parameters, parameters)).into_owned();
-        // The centre of the range: motion as large as the uncertainty of the readings.
-        let unit = parameters as f64 / (n * &self.smooth).trace().max(f64::MIN_POSITIVE);
-        let mut evidence = match last.moves {
-            true => last.evidence.clone(),
-            false => last.evidence.with_motions(unit),
-        };
+        let mut shapes = last.shapes.clone();
+        shapes.add((n, vector), 1.0, |weight| self.shape_alone(weight));
+        let shape = shapes.most_likely() * &self.stiffness;
+        let mut motions = last.motions.clone();
+        if !last.moves {
+            // The centre of the range: motion as large as the uncertainty of the readings.
+            let unit = parameters as f64 / (n * &self.smooth).trace().max(f64::MIN_POSITIVE);
+            motions = Candidates::around(unit, MOTION_HALF_DECADES, f64::INFINITY);
+        }
         let growing = of[0][0] * &self.smooth;
-        let predictions: Vec<Prediction> = (evidence.motions.par_iter())
-            .map(|c| {
-                let own = Factor::new(&(&base + *c * &growing)).ok_or_else(undetermined)?.inverse();
-                Ok(Prediction::new(own, &own_mean))
-            })
-            .collect::<Result<_>>()?;
-        evidence.add(&self.stiffness, (n, &vector), &predictions);
-        let [acceleration, weight] = evidence.most_likely();
-        let shape = weight * &self.stiffness;
+        motions.add((n, vector), MEMORY, |c| with_shape(&(&base + c * &growing), &own_mean, &shape));
+        let acceleration = motions.most_likely();
         for (i, row) in of.iter().enumerate() {
             for (j, share) in row.iter().enumerate() {
                 let mut block = joint.view_mut((i * parameters, j * parameters), (parameters, parameters));
@@ -272,7 +285,8 @@ impl<'a> ShellTracker<'a> {
             covariance: 0.5 * (&covariance + covariance.transpose()),
             found: fit.parameters.clone(),
             moves: true,
-            evidence,
+            shapes,
+            motions,
         });
         Ok(FrameFit { fit, predicted: Some(predicted), acceleration })
     }
@@ -290,80 +304,55 @@ fn with_shape(
     Some(ParameterPrior { mean, information })
 }
 
-/// What the frames before predict: the information, and its product with the mean.
-struct Prediction {
-    information: DMatrix<f64>,
-    vector: DVector<f64>,
+/// Values of a weight with their log-likelihoods over all frames so far.
+#[derive(Clone, Default)]
+struct Candidates {
+    /// Value, log-prior and log-likelihood.
+    all: Vec<[f64; 3]>,
 }
 
-impl Prediction {
-    fn new(information: DMatrix<f64>, mean: &DVector<f64>) -> Self {
-        Self { vector: &information * mean, information }
-    }
-}
-
-/// Log-likelihoods of pairs of `c` and `λ` over all frames so far, older ones discounted.
-#[derive(Clone)]
-struct Evidence {
-    /// Candidates of `c`; none before the second frame.
-    motions: Vec<f64>,
-    /// Candidates of `λ`, each with its log-prior.
-    shapes: Vec<[f64; 2]>,
-    /// For each motion, or once before the second frame: the log-likelihood of each shape.
-    likelihoods: Vec<Vec<f64>>,
-}
-
-impl Evidence {
-    /// Candidates of `λ` around a value.
-    fn of_shapes(middle: f64) -> Self {
-        let shapes: Vec<[f64; 2]> = (SHAPE_DECADES.0..=SHAPE_DECADES.1)
-            .map(|k| [middle * 10_f64.powi(k), -0.5 * (f64::from(k) / SHAPE_PRIOR_DECADES).powi(2)])
-            .collect();
-        Self { motions: Vec::new(), likelihoods: vec![vec![0.0; shapes.len()]], shapes }
+impl Candidates {
+    /// Half decades around a value, with a Gaussian prior of their number.
+    fn around(middle: f64, (from, to): (i32, i32), prior: f64) -> Self {
+        let candidate = |k: i32| {
+            let k = f64::from(k);
+            [middle * 10_f64.powf(0.5 * k), -0.5 * (k / prior).powi(2), 0.0]
+        };
+        Self { all: (from..=to).map(candidate).collect() }
     }
 
-    /// The same shapes with each of the candidates of `c` around a value.
-    fn with_motions(&self, middle: f64) -> Self {
-        let half_decades = MOTION_HALF_DECADES.0..=MOTION_HALF_DECADES.1;
-        let motions: Vec<f64> = half_decades.map(|k| middle * 10_f64.powf(0.5 * f64::from(k))).collect();
-        Self {
-            likelihoods: vec![self.likelihoods[0].clone(); motions.len()],
-            motions,
-            shapes: self.shapes.clone(),
-        }
-    }
-
-    /// Adds a frame with the information and vector of its readings, and what each motion predicts.
+    /// Adds a frame with the information and vector of its readings, and its prior for each value. The sum
+    /// over earlier frames counts by the factor `memory`.
     fn add(
         &mut self,
-        stiffness: &DMatrix<f64>,
         (n, vector): (&DMatrix<f64>, &DVector<f64>),
-        predictions: &[Prediction],
+        memory: f64,
+        prior: impl Fn(f64) -> Option<ParameterPrior> + Sync,
     ) {
-        let likelihood = |prediction: &Prediction, weight: f64| -> Option<f64> {
-            let information = &prediction.information + weight * stiffness;
+        let likelihood = |value: f64| -> Option<f64> {
+            let ParameterPrior { mean, information } = prior(value)?;
             let before = Factor::new(&information)?;
             let after = Factor::new(&(information + n))?;
-            let mean = before.solve(&prediction.vector);
             let r = vector - n * &mean;
             // ηᵀm − ½ mᵀNm varies because the mean does.
             let own = vector.dot(&mean) - 0.5 * mean.dot(&(n * &mean));
             let determinants = before.log_determinant() - after.log_determinant();
             Some(own + 0.5 * r.dot(&after.solve(&r)) + 0.5 * determinants)
         };
-        let shapes = &self.shapes;
-        self.likelihoods.par_iter_mut().zip(predictions).for_each(|(own, prediction)| {
-            for (sum, [weight, _]) in own.iter_mut().zip(shapes) {
-                *sum = MEMORY * *sum + likelihood(prediction, *weight).unwrap_or(f64::NEG_INFINITY);
-            }
+        self.all.par_iter_mut().for_each(|[value, _, sum]| {
+            *sum = memory * *sum + likelihood(*value).unwrap_or(f64::NEG_INFINITY);
         });
     }
 
-    /// The most likely `c` and `λ`.
-    fn most_likely(&self) -> [f64; 2] {
-        let pairs = self.motions.iter().zip(&self.likelihoods).flat_map(|(c, own)| {
-            self.shapes.iter().zip(own).map(move |([weight, prior], sum)| ([*c, *weight], prior + sum))
-        });
-        pairs.fold(([0.0; 2], f64::NEG_INFINITY), |best, pair| if pair.1 > best.1 { pair } else { best }).0
+    /// The most likely value, by a parabola through the best candidate and its neighbours.
+    fn most_likely(&self) -> f64 {
+        let totals: Vec<f64> = self.all.iter().map(|[_, prior, sum]| prior + sum).collect();
+        let best = (0..totals.len()).max_by(|a, b| totals[*a].total_cmp(&totals[*b])).unwrap_or(0);
+        let shift = match best.checked_sub(1).and_then(|k| totals[k..].first_chunk::<3>()) {
+            Some([before, own, after]) => 0.5 * (before - after) / (before - 2.0 * own + after),
+            None => 0.0,
+        };
+        let shift = if shift.is_finite() { shift.clamp(-0.5, 0.5) } else { 0.0 };
+        self.all[best][0] * 10_f64.powf(0.5 * shift)
     }
 }
