@@ -21,7 +21,8 @@ const MAX_DIVISIONS: u32 = 4;
 /// Where a surface passes through itself.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Folds {
-    /// Corners of the triangles: leaves, and places in them.
+    /// Corners of the triangles, and middles of the marks of their leaves: leaves, and places in them. Other
+    /// meshes of the surface cross at other places of these leaves.
     pub places: Vec<(usize, [f64; 2])>,
     /// Share of the area of the leaves, of those pairs of which at least one holds readings.
     pub area_fraction: f64,
@@ -53,13 +54,15 @@ impl Folds {
         leaves.dedup();
         let mut vertices: Vec<u32> =
             pairs.iter().flatten().flat_map(|&t| mesh.triangles[t as usize]).collect();
+        let mut crossing: Vec<usize> = pairs.iter().flatten().map(|&t| leaf_of(t)).collect();
+        crossing.sort_unstable();
+        crossing.dedup();
         vertices.sort_unstable();
         vertices.dedup();
         Ok(Self {
-            places: vertices
-                .iter()
-                .map(|&v| v as usize)
+            places: (vertices.iter().map(|&v| v as usize))
                 .map(|v| (made.leaf[v] as usize, made.local[v]))
+                .chain(crossing.iter().flat_map(|&leaf| middles().map(move |at| (leaf, at))))
                 .collect(),
             area_fraction: leaves.iter().map(|&leaf| areas[leaf]).sum::<f64>() / all,
             example: mesh.corners(first as usize)[0],
@@ -76,6 +79,11 @@ impl Folds {
             )
         })
     }
+}
+
+/// Middles of 4 × 4 marks of a leaf.
+fn middles() -> impl Iterator<Item = [f64; 2]> {
+    (0..16).map(|k| [k % 4, k / 4].map(|i| (f64::from(i) + 0.5) / 4.0))
 }
 
 #[cfg(test)]
