@@ -6,6 +6,7 @@
 //! Not guaranteed: folds that are as thin as the chord error of the mesh.
 
 use super::leaves::leaf_areas;
+use crate::model::middles;
 use crate::observe::Foot;
 use planish_core::DVec3;
 use planish_core::numbers::significant;
@@ -17,6 +18,8 @@ use planish_spline::{Surface, TessellationOptions, tessellate};
 /// divisions along a side of a leaf.
 const TOLERANCE: f64 = 0.05;
 const MAX_DIVISIONS: u32 = 4;
+/// Divisions of a leaf into the squares that are marked around each place.
+const MARKS_DEPTH: u8 = 2;
 
 /// Where a surface passes through itself.
 #[derive(Debug, Clone, Default)]
@@ -62,7 +65,7 @@ impl Folds {
         Ok(Self {
             places: (vertices.iter().map(|&v| v as usize))
                 .map(|v| (made.leaf[v] as usize, made.local[v]))
-                .chain(crossing.iter().flat_map(|&leaf| middles().map(move |at| (leaf, at))))
+                .chain(crossing.iter().flat_map(|&leaf| middles(MARKS_DEPTH).map(move |at| (leaf, at))))
                 .collect(),
             area_fraction: leaves.iter().map(|&leaf| areas[leaf]).sum::<f64>() / all,
             example: mesh.corners(first as usize)[0],
@@ -79,11 +82,6 @@ impl Folds {
             )
         })
     }
-}
-
-/// Middles of 4 × 4 marks of a leaf.
-fn middles() -> impl Iterator<Item = [f64; 2]> {
-    (0..16).map(|k| [k % 4, k / 4].map(|i| (f64::from(i) + 0.5) / 4.0))
 }
 
 #[cfg(test)]

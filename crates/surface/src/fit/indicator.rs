@@ -323,6 +323,24 @@ fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
 mod tests {
     use super::*;
 
+    /// A plane of points across an axis must not change the density at a point far from it.
+    #[test]
+    fn the_highest_frequency_is_blurred_as_well() {
+        let n = 32;
+        let mut counts = vec![Complex::new(0.0, 0.0); n * n * n];
+        for z in 0..n {
+            for y in 0..n {
+                counts[(z * n + y) * n + 4].re = 1.0;
+            }
+        }
+        transform(&mut counts, n, FftDirection::Forward);
+        blur(&mut counts, n, DENSITY_BLUR);
+        transform(&mut counts, n, FftDirection::Inverse);
+        let density = |x: usize| counts[(16 * n + 16) * n + x].re / counts.len() as f64;
+        assert!((density(4) - 0.1995).abs() < 1e-3, "{}", density(4));
+        assert!((17..24).all(|x| density(x).abs() < 1e-6), "{}", density(20));
+    }
+
     #[test]
     fn level_set_of_a_half_seen_sphere_lies_on_the_points_and_closes_behind_them() {
         let mut points = Vec::new();

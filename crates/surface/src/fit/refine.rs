@@ -384,12 +384,7 @@ impl Refinement<'_> {
             }
             _ => local_variance,
         };
-        let areas = leaf_areas(&self.surface);
-        let weighting = if round.is_last {
-            Weighting::BoundedWithinGate { areas: &areas }
-        } else {
-            Weighting::Bounded { areas: &areas }
-        };
+        let weighting = if round.is_last { Weighting::BoundedWithinGate } else { Weighting::Bounded };
         let information = weights(readings, &self.noise, gate, weighting);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(
@@ -399,7 +394,7 @@ impl Refinement<'_> {
         }
         progress.rms(rms_of_positions(&feet, &information));
         let surface = &self.surface;
-        let area = *self.area.get_or_insert_with(|| areas.iter().sum());
+        let area = *self.area.get_or_insert_with(|| leaf_areas(surface).iter().sum());
         // The first iteration starts from a weight by the density of readings; later ones from the estimate.
         let weight = self.weight.unwrap_or_else(|| first_weight(surface, area, &feet, &information));
         let step = normal_step(

@@ -31,19 +31,18 @@ pub(super) fn smoothing_information(quantity: Quantity, information: f64, length
         }
 }
 
-/// What readings far from the surface weigh. `areas` are those of the leaves: a surface that is farther from
-/// readings than the side of its leaf lacks the part that they lie on, and would fold if it were pulled there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Weighting<'a> {
+/// What readings far from the surface weigh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Weighting {
     /// Zero outside the gate: the information of a model.
     Gated,
     /// While the shape is being found, Huber's weights replace the gate. Where most readings of a leaf are on
     /// one side of the surface, the force is bounded from their median distance on.
-    Bounded { areas: &'a [f64] },
+    Bounded,
     /// While the surface converges: gated, but where the surface does not follow its readings, Huber's weights
     /// replace the variance of the misfit within the gate. That variance weakened the readings of small tips so
     /// much that the thin plate flattened them, which enlarged the misfit in turn (decision 0123).
-    BoundedWithinGate { areas: &'a [f64] },
+    BoundedWithinGate,
 }
 
 /// Information of every foot: one over its variance, and less for readings far from the surface.
@@ -56,7 +55,7 @@ pub(super) fn weights(
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     gate: f64,
-    weighting: Weighting<'_>,
+    weighting: Weighting,
 ) -> Vec<f64> {
     weights_with_surface_variance(readings, noise, gate, weighting, |_| 0.0)
 }
@@ -66,17 +65,13 @@ pub(super) fn weights_with_surface_variance(
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     gate: f64,
-    weighting: Weighting<'_>,
+    weighting: Weighting,
     surface_variance: impl Fn(usize) -> f64,
 ) -> Vec<f64> {
-    let finding = matches!(weighting, Weighting::Bounded { .. });
+    let finding = weighting == Weighting::Bounded;
     // What is left of objects on the ground is common to the readings of a leaf as well.
-    let common = match weighting {
-        Weighting::Bounded { areas } if !readings.observations.intake.ground => {
-            common_distances(readings, noise, areas)
-        }
-        _ => Vec::new(),
-    };
+    let has_common = finding && !readings.observations.intake.ground;
+    let common = if has_common { common_distances(readings, noise) } else { Vec::new() };
     (readings.feet.iter().enumerate())
         .map(|(k, foot)| {
             if foot.state != FootState::Good {
@@ -103,63 +98,48 @@ pub(super) fn weights_with_surface_variance(
                 0.0
             } else {
                 let misfit = noise.misfit_variance(foot);
-                match weighting {
-                    Weighting::BoundedWithinGate { areas } if is_near(foot, misfit.sqrt(), areas) => {
-                        let own = variance - misfit;
-                        bounded(foot.extremes().0 / own.sqrt(), misfit) / own
-                    }
-                    _ => 1.0 / variance,
+                if weighting == Weighting::BoundedWithinGate && misfit > 0.0 {
+                    let own = variance - misfit;
+                    (BOUNDED_FROM_SIGMAS * own.sqrt() / foot.extremes().0).min(1.0) / own
+                } else {
+                    1.0 / variance
                 }
             }
         })
         .collect()
 }
 
-/// Huber's weight of a distance in σ; 1 without misfit.
-fn bounded(distance: f64, misfit: f64) -> f64 {
-    if misfit > 0.0 { (BOUNDED_FROM_SIGMAS / distance).min(1.0) } else { 1.0 }
-}
-
-/// True if a distance from the surface is at most the side of the leaf of a foot.
-fn is_near(foot: &Foot, distance: f64, areas: &[f64]) -> bool {
-    areas.get(foot.leaf as usize).is_some_and(|area| distance * distance <= *area)
-}
-
 /// For each leaf, how far the surface is from most of its readings of positions, in σ: the size of the median
-/// of their signed distances, if it is near them. Gross errors lie on both sides of a surface; shape that it
-/// has lost does not.
-fn common_distances(readings: ProjectedReadings<'_>, noise: &SensorNoise, areas: &[f64]) -> Vec<f64> {
-    let mut heights: Vec<Vec<f64>> = vec![Vec::new(); areas.len()];
-    let mut variances = vec![0.0; areas.len()];
+/// of their signed distances. Gross errors lie on both sides of a surface; shape that it has lost does not.
+fn common_distances(readings: ProjectedReadings<'_>, noise: &SensorNoise) -> Vec<f64> {
+    let leaves = readings.feet.iter().map(|foot| foot.leaf as usize + 1).max().unwrap_or(0);
+    let mut distances: Vec<Vec<f64>> = vec![Vec::new(); leaves];
     for (k, foot) in readings.feet.iter().enumerate() {
-        let leaf = foot.leaf as usize;
-        if foot.state == FootState::Good && foot.quantity == Quantity::Position && leaf < areas.len() {
-            heights[leaf].push(foot.height());
-            variances[leaf] += noise.variance(readings, k);
+        if foot.state == FootState::Good && foot.quantity == Quantity::Position {
+            distances[foot.leaf as usize].push(foot.height() / noise.variance(readings, k).sqrt());
         }
     }
-    let distance = |(leaf, own): (usize, &mut Vec<f64>)| {
-        let middle = own.len() / 2;
-        if own.len() < MIN_COMMON {
-            return 0.0;
-        }
-        let median = own.select_nth_unstable_by(middle, f64::total_cmp).1.abs();
-        if median * median > areas[leaf] {
-            return 0.0;
-        }
-        median / (variances[leaf] / own.len() as f64).sqrt()
-    };
-    heights.iter_mut().enumerate().map(distance).collect()
+    distances.iter_mut().map(|own| common_distance(own)).collect()
+}
+
+/// The size of the median of signed distances; 0 for so few that it may be that of gross errors.
+fn common_distance(distances: &mut [f64]) -> f64 {
+    let middle = distances.len() / 2;
+    match distances.len() >= MIN_COMMON {
+        true => distances.select_nth_unstable_by(middle, f64::total_cmp).1.abs(),
+        false => 0.0,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Otherwise readings of a small tip would lose to the thin plate, or gross errors drag the surface along.
     #[test]
-    fn forces_are_bounded_only_where_the_surface_misses_its_readings() {
-        assert_eq!(bounded(3.5, 0.0), 1.0);
-        assert_eq!(bounded(1.0, 0.2), 1.0);
-        assert_eq!(bounded(10.0, 0.2), 0.25);
+    fn readings_on_one_side_of_the_surface_are_shape_and_few_others_are_not() {
+        assert_eq!(common_distance(&mut [19.0, 21.0, 20.0, -1.0, 22.0, 20.5]), 20.5);
+        assert_eq!(common_distance(&mut [0.4, -90.0, -0.3, 80.0, 0.1]), 0.1);
+        assert_eq!(common_distance(&mut [20.0, 21.0]), 0.0);
     }
 }

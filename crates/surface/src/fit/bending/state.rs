@@ -109,7 +109,7 @@ impl Sheet<'_> {
             let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
             noise = SensorNoise::estimate(readings, self.options.noise_rules(), &unknown, annealed)?;
             // While lengths are soft, residuals are mostly shape: far readings pull with bounded force.
-            let weighting = if annealed { Weighting::Gated } else { Weighting::Bounded { areas: &[] } };
+            let weighting = if annealed { Weighting::Gated } else { Weighting::Bounded };
             let information = weights(readings, &noise, gate, weighting);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
