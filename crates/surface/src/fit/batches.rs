@@ -13,7 +13,7 @@
 use super::noise::{ResidualSums, SensorNoise};
 use super::refine::ConvergedFit;
 use super::support::{Occupancy, occupancy_at};
-use super::weights::weights;
+use super::weights::{Weighting, weights};
 use super::{FitOptions, observation_options, observe};
 use crate::observe::{FootChannels, ProjectedReadings, StepInput, accumulate, add_up, normal_step, project};
 use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCause, has_ground};
@@ -261,7 +261,7 @@ impl AddedBatches {
         let mut at = vec![[f64::NAN; 2]; observations.len()];
         let feet = project(surface, observations, subset, &mut at, Some(search), &noise.variance_factors);
         let information =
-            weights(ProjectedReadings { observations, subset, feet: &feet }, noise, gate, false);
+            weights(ProjectedReadings { observations, subset, feet: &feet }, noise, gate, Weighting::Gated);
         // Moments of a leaf cost a third of the sums over products of weights (decision 0011).
         add_up(sums, surface, &feet, &information);
         // Normals and curvatures have rows of their own, which directed sums of positions cannot hold.
@@ -333,7 +333,7 @@ pub(super) fn add_batches(
     // The sparse matrix is assembled once, from sums over all batches: each batch touches every leaf again.
     added.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
-    let information = weights(converged.readings(first), &converged.noise, options.gate, false);
+    let information = weights(converged.readings(first), &converged.noise, options.gate, Weighting::Gated);
     // Poses stay where the first batch put them: the sums of the other batches were made with them.
     // One step: the sample has moved the surface to within its σ, where information linearised at it is
     // valid.

@@ -16,7 +16,7 @@ use super::marginal::{MarginalHeights, row_of_heights};
 use super::minimum::{free_parameters, refuse_line, refuse_too_few, refuse_vague};
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, ConvergedKind, TANGENTIAL_HOLD};
-use super::weights::{weight_of_length, weights};
+use super::weights::{Weighting, weight_of_length, weights};
 use crate::observe::{
     Foot, FootState, Observations, ProjectedReadings, Quantity, accumulate, project, surface_extent,
 };
@@ -247,11 +247,11 @@ impl<'a> HeightFit<'a> {
             if is_estimated {
                 gate.variance_factors.iter_mut().for_each(|factor| *factor *= self.dispersion.max(1.0));
             }
-            let kept = weights(readings, &gate, self.options.gate, false);
-            let all = weights(readings, &noise, f64::INFINITY, false);
+            let kept = weights(readings, &gate, self.options.gate, Weighting::Gated);
+            let all = weights(readings, &noise, f64::INFINITY, Weighting::Gated);
             all.iter().zip(kept).map(|(all, kept)| if kept > 0.0 { *all } else { 0.0 }).collect()
         } else {
-            weights(readings, &noise, f64::INFINITY, false)
+            weights(readings, &noise, f64::INFINITY, Weighting::Gated)
         };
         self.noise = noise;
         Ok(is_estimated)
@@ -291,7 +291,7 @@ impl<'a> HeightFit<'a> {
         self.feet = project(&self.surface, self.observations, &self.subset, &mut self.at, None, factors);
         let readings =
             ProjectedReadings { observations: self.observations, subset: &self.subset, feet: &self.feet };
-        self.information = weights(readings, &self.noise, self.options.gate, false);
+        self.information = weights(readings, &self.noise, self.options.gate, Weighting::Gated);
         let weight = self.typical_weight * posterior.relative_weight() / (enlarged * margin2);
         let prior = self.prior(weight)?;
         let marginal = MarginalHeights { posterior, directions: self.directions };

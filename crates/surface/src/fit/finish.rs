@@ -38,7 +38,7 @@ use super::shared_errors::shared_variance;
 use super::spline_error::spline_variances;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
 use super::verdict::{Verdict, VerdictInput, judge_surface, refuse_far_larger_noise};
-use super::weights::weights;
+use super::weights::{Weighting, weights};
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
     CreaseSummary, Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, Support,
@@ -135,7 +135,7 @@ pub(super) fn finish(
     let filtered = kind.filtered();
     let information = match filtered {
         Some(filtered) => filtered.information(readings, &noise),
-        None => weights(readings, &noise, options.gate, false),
+        None => weights(readings, &noise, options.gate, Weighting::Gated),
     };
     let this = Finishing {
         set,

@@ -6,6 +6,7 @@
 //! Not guaranteed: folds that are as thin as the chord error of the mesh.
 
 use super::leaves::leaf_areas;
+use crate::model::middles;
 use crate::observe::Foot;
 use planish_core::DVec3;
 use planish_core::numbers::significant;
@@ -17,11 +18,14 @@ use planish_spline::{Surface, TessellationOptions, tessellate};
 /// divisions along a side of a leaf.
 const TOLERANCE: f64 = 0.05;
 const MAX_DIVISIONS: u32 = 4;
+/// Divisions of a leaf into the squares that are marked around each place.
+const MARKS_DEPTH: u8 = 2;
 
 /// Where a surface passes through itself.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Folds {
-    /// Corners of the triangles: leaves, and places in them.
+    /// Corners of the triangles, and middles of the marks of their leaves: leaves, and places in them. Other
+    /// meshes of the surface cross at other places of these leaves.
     pub places: Vec<(usize, [f64; 2])>,
     /// Share of the area of the leaves, of those pairs of which at least one holds readings.
     pub area_fraction: f64,
@@ -53,13 +57,15 @@ impl Folds {
         leaves.dedup();
         let mut vertices: Vec<u32> =
             pairs.iter().flatten().flat_map(|&t| mesh.triangles[t as usize]).collect();
+        let mut crossing: Vec<usize> = pairs.iter().flatten().map(|&t| leaf_of(t)).collect();
+        crossing.sort_unstable();
+        crossing.dedup();
         vertices.sort_unstable();
         vertices.dedup();
         Ok(Self {
-            places: vertices
-                .iter()
-                .map(|&v| v as usize)
+            places: (vertices.iter().map(|&v| v as usize))
                 .map(|v| (made.leaf[v] as usize, made.local[v]))
+                .chain(crossing.iter().flat_map(|&leaf| middles(MARKS_DEPTH).map(move |at| (leaf, at))))
                 .collect(),
             area_fraction: leaves.iter().map(|&leaf| areas[leaf]).sum::<f64>() / all,
             example: mesh.corners(first as usize)[0],

@@ -14,7 +14,7 @@
 use super::FitOptions;
 use super::patch::shuffled;
 use super::refine::ConvergedFit;
-use super::weights::weights;
+use super::weights::{Weighting, weights};
 use crate::model::{NodeCovariance, Posterior, VertexMotion};
 use crate::observe::Observations;
 use crate::observe::{FootState, by_leaf};
@@ -107,7 +107,7 @@ pub(super) fn formation_of_global_fit(
     progress: &dyn Progress,
 ) -> Result<Formation> {
     let ConvergedFit { surface, system, subset, feet, noise, prior, .. } = converged;
-    let information = weights(converged.readings(observations), noise, options.gate, false);
+    let information = weights(converged.readings(observations), noise, options.gate, Weighting::Gated);
     let numbers: Vec<u32> = (0..subset.len() as u32).collect();
     // A random order: in the order of the files, the model would form scan by scan.
     let order: Vec<u32> = shuffled(&numbers, options.seed)

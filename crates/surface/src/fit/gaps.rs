@@ -9,7 +9,7 @@
 
 use super::leaves::{leaf_areas, neighbourhood};
 use super::refine::ConvergedFit;
-use super::weights::weights;
+use super::weights::{Weighting, weights};
 use crate::complete::{GapReport, MeasuredRegion};
 use crate::observe::{InferredReading, InferredVariance, Observations, ReadingColumns};
 use planish_core::DVec3;
@@ -45,7 +45,7 @@ pub(super) fn completed(
     converged: &ConvergedFit,
     gate: f64,
 ) -> (Vec<InferredReading>, Vec<GapReport>) {
-    let information = weights(converged.readings(observations), &converged.noise, gate, false);
+    let information = weights(converged.readings(observations), &converged.noise, gate, Weighting::Gated);
     // A gross error within a gap must not close it, and inferred readings are no evidence.
     let used: Vec<usize> = (0..converged.subset.len())
         .filter(|&k| information[k] > 0.0 && observations.inferred(converged.subset[k] as usize).is_none())

@@ -283,8 +283,11 @@ fn mirrored(index: usize, cells: usize) -> usize {
 
 /// Multiplies a spectrum by that of a Gaussian, whose σ is in grid cells.
 fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
-    // A Gaussian is the product of Gaussians along the axes.
-    let along: Vec<f64> = (0..n).map(|m| (-0.5 * (sigma_cells * wave(m, n)[0]).powi(2)).exp()).collect();
+    // A Gaussian is the product of Gaussians along the axes. The highest frequency has a size, though no sign:
+    // unblurred, the points of a plane across an axis changed the density everywhere along it, and the area of
+    // single points was far too large (decision 0123).
+    let frequency = |m: usize| TAU * m.min(n - m) as f64 / n as f64;
+    let along: Vec<f64> = (0..n).map(|m| (-0.5 * (sigma_cells * frequency(m)).powi(2)).exp()).collect();
     grid.par_chunks_mut(n).enumerate().for_each(|(row, values)| {
         let across = along[row % n] * along[row / n];
         for (value, w) in values.iter_mut().zip(&along) {
@@ -319,6 +322,24 @@ fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A plane of points across an axis must not change the density at a point far from it.
+    #[test]
+    fn the_highest_frequency_is_blurred_as_well() {
+        let n = 32;
+        let mut counts = vec![Complex::new(0.0, 0.0); n * n * n];
+        for z in 0..n {
+            for y in 0..n {
+                counts[(z * n + y) * n + 4].re = 1.0;
+            }
+        }
+        transform(&mut counts, n, FftDirection::Forward);
+        blur(&mut counts, n, DENSITY_BLUR);
+        transform(&mut counts, n, FftDirection::Inverse);
+        let density = |x: usize| counts[(16 * n + 16) * n + x].re / counts.len() as f64;
+        assert!((density(4) - 0.1995).abs() < 1e-3, "{}", density(4));
+        assert!((17..24).all(|x| density(x).abs() < 1e-6), "{}", density(20));
+    }
 
     #[test]
     fn level_set_of_a_half_seen_sphere_lies_on_the_points_and_closes_behind_them() {

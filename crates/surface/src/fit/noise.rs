@@ -106,11 +106,15 @@ impl SensorNoise {
 
     /// Variance of a reading of `channel` with this foot, as the fit uses it.
     pub(super) fn of_foot(&self, channel: usize, foot: &Foot) -> f64 {
-        let local = match foot.quantity {
+        self.variance_factors[channel] * foot.variance + self.misfit_variance(foot)
+    }
+
+    /// The part of the variance that the surface's misfit around the foot of a position has.
+    pub(super) fn misfit_variance(&self, foot: &Foot) -> f64 {
+        match foot.quantity {
             Quantity::Position => self.local_variance.get(foot.leaf as usize).copied().unwrap_or(0.0),
             Quantity::Normal | Quantity::Curvature => 0.0,
-        };
-        self.variance_factors[channel] * foot.variance + local
+        }
     }
 
     /// Keeps the noise from before an update for channels without a stated σ that lack redundancy.

@@ -417,7 +417,11 @@ fn steady_level_set(
         // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles instead
         // of 1.
         let mesh = level_set(&field, field.level(points), field.cell())?;
-        let own @ [_, handles] = bodies_and_handles(&mesh);
+        let Some(own @ [_, handles]) = bodies_and_handles(&mesh) else {
+            all_handles.push("unknown".to_owned());
+            before = None;
+            continue;
+        };
         all_handles.push(handles.to_string());
         match (wanted, before) {
             (Handles::Exactly(number), _) if number == handles => return Ok((Some(mesh), all_handles)),
@@ -439,10 +443,12 @@ fn grid_cells(points: &[DVec3]) -> Result<usize> {
     Ok(((cells / CELL_STEP as f64) as usize * CELL_STEP).clamp(CELLS, MAX_CELLS))
 }
 
-fn bodies_and_handles(mesh: &TriangleMesh) -> [usize; 2] {
+/// Numbers of bodies and handles; none if the mesh is not closed, as a level set that leaves the grid.
+fn bodies_and_handles(mesh: &TriangleMesh) -> Option<[usize; 2]> {
     let check = mesh.check();
+    let is_closed = check.watertight && check.manifold && check.oriented && check.components > 0;
     let handles = (2 * check.components as i64 - check.euler_characteristic) / 2;
-    [check.components, handles.max(0) as usize]
+    is_closed.then_some([check.components, handles.max(0) as usize])
 }
 
 /// The closed surface on which an indicator has a level, without cavities and small bodies.

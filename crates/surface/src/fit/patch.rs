@@ -15,7 +15,7 @@ use super::first::first_surface;
 use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, ConvergedKind, refine_to_noise};
-use super::weights::weights;
+use super::weights::{Weighting, weights};
 use super::{Fit, FitOptions, PatchOptions, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::observe::surface_extent;
@@ -170,7 +170,7 @@ pub(crate) fn first_fit_of(
         SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
     // One coordinate stands for all three, so rows count as if all normals were equal.
     let up = vec![DVec3::Z; surface.space().node_count()];
-    let used = weights(converged.readings(observations), &converged.noise, options.gate, false);
+    let used = weights(converged.readings(observations), &converged.noise, options.gate, Weighting::Gated);
     let (start, order) = crate::observe::by_leaf(feet, surface.space().leaves().len());
     let mut information = system.accumulate_along(&up, |leaf, add| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -464,7 +464,7 @@ pub(super) fn stream(
     mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
-    let information = weights(first.readings(observations), &first.noise, options.gate, false);
+    let information = weights(first.readings(observations), &first.noise, options.gate, Weighting::Gated);
     let mut refused: Vec<Option<RejectionCause>> =
         first.feet.iter().zip(&information).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();

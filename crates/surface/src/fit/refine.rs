@@ -20,7 +20,7 @@ use super::patch::PatchFilterOutcome;
 use super::refine_by_curvature::leaves_of_varying_curvature;
 use super::refine_by_roughness::leaves_coarser_than_smoothing;
 use super::spline_error::leaves_missing_shape;
-use super::weights::{weight_of_length, weights};
+use super::weights::{Weighting, weight_of_length, weights};
 use crate::observe::{
     Foot, FootChannels, Observations, ProjectedReadings, Quantity, StepInput, normal_step, project,
     surface_extent,
@@ -75,7 +75,7 @@ const FIRST_SMOOTHING: f64 = 0.15;
 /// Single leaves are rather gross errors, or a sensor whose σ is stated too small.
 const CERTAIN: f64 = 10.0;
 const MAX_CERTAIN: usize = 3;
-const MAX_CERTAIN_SHARE: f64 = 0.05;
+const MAX_CERTAIN_SHARE: f64 = 0.01;
 /// Longest length over which the prior smooths, in square roots of the surface's area. A stiffer plate would
 /// be no flatter, but the information of the readings about its place would be lost in rounding. See
 /// decision 0003.
@@ -384,7 +384,8 @@ impl Refinement<'_> {
             }
             _ => local_variance,
         };
-        let information = weights(readings, &self.noise, gate, !round.is_last);
+        let weighting = if round.is_last { Weighting::BoundedWithinGate } else { Weighting::Bounded };
+        let information = weights(readings, &self.noise, gate, weighting);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(
                 "expected readings near the surface, found none: they lie in two layers or on several \
@@ -439,7 +440,7 @@ impl Refinement<'_> {
         // The last step has moved the surface since its feet were found.
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
-        let kept = weights(readings, &self.noise, options.gate, false);
+        let kept = weights(readings, &self.noise, options.gate, Weighting::Gated);
         self.outside = sample.iter().zip(&kept).filter(|(_, w)| **w == 0.0).map(|(i, _)| *i).collect();
         let degrees = self.degrees.iter().flatten().sum();
         let mut misfits = if options.refine_by.residuals() {

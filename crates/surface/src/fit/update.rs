@@ -5,7 +5,7 @@ use super::finish::variances_of_surface;
 use super::local_misfit::local_variances;
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, ConvergedKind};
-use super::weights::weights_with_surface_variance;
+use super::weights::{Weighting, weights_with_surface_variance};
 use crate::model::{Posterior, SurfaceModel, VertexInformation};
 use crate::observe::{Foot, FootChannels, Observations, ProjectedReadings, StepInput, normal_step, project};
 use crate::subdivision::RefinementLog;
@@ -135,7 +135,7 @@ impl Update<'_> {
         // The gate is widened by the surface's variance before the update: a reading may be far from a
         // surface that is not known there.
         let information =
-            weights_with_surface_variance(readings, &self.noise, self.options.gate, false, |k| {
+            weights_with_surface_variance(readings, &self.noise, self.options.gate, Weighting::Gated, |k| {
                 self.variance_before[k]
             });
         let step = normal_step(

@@ -9,6 +9,9 @@ use crate::observe::{Foot, FootState, ProjectedReadings, Quantity};
 /// one lets gross errors drag the surface along.
 const BOUNDED_FROM_SIGMAS: f64 = 2.5;
 
+/// Readings of a leaf of which the median is no chance of few gross errors.
+const MIN_COMMON: usize = 5;
+
 /// The weight of the thin plate that smooths over `length`: information of positions per area times the
 /// fourth power of the length, of normals times its square, of curvatures as it is.
 pub(super) fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
@@ -28,19 +31,33 @@ pub(super) fn smoothing_information(quantity: Quantity, information: f64, length
         }
 }
 
-/// Information of every foot: one over its variance, and zero outside the gate.
+/// What readings far from the surface weigh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Weighting {
+    /// Zero outside the gate: the information of a model.
+    Gated,
+    /// While the shape is being found, Huber's weights replace the gate. Where most readings of a leaf are on
+    /// one side of the surface, the force is bounded from their median distance on.
+    Bounded,
+    /// While the surface converges: gated, but where the surface does not follow its readings, Huber's weights
+    /// replace the variance of the misfit within the gate. That variance weakened the readings of small tips so
+    /// much that the thin plate flattened them, which enlarged the misfit in turn (decision 0123).
+    BoundedWithinGate,
+}
+
+/// Information of every foot: one over its variance, and less for readings far from the surface.
 ///
-/// While the shape is being found (`finding`), Huber's weights replace the gate. On ground the weights of
-/// readings above the surface fall off faster, so that the sheet settles on the lower of two layers (Kraus &
-/// Pfeifer 1998, *Determination of terrain models in wooded areas with airborne laser scanner data*; the form
-/// of the fall is ours, in units of σ).
+/// The force of readings beyond [`BOUNDED_FROM_SIGMAS`] is bounded where weights are Huber's. On ground, the
+/// weights of readings above the surface fall off faster, so that the sheet settles on the lower of two layers
+/// (Kraus & Pfeifer 1998, *Determination of terrain models in wooded areas with airborne laser scanner data*;
+/// the form of the fall is ours, in units of σ).
 pub(super) fn weights(
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     gate: f64,
-    finding: bool,
+    weighting: Weighting,
 ) -> Vec<f64> {
-    weights_with_surface_variance(readings, noise, gate, finding, |_| 0.0)
+    weights_with_surface_variance(readings, noise, gate, weighting, |_| 0.0)
 }
 
 /// [`weights`] where the surface itself is uncertain: its variance at each foot widens the gate.
@@ -48,9 +65,13 @@ pub(super) fn weights_with_surface_variance(
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     gate: f64,
-    finding: bool,
+    weighting: Weighting,
     surface_variance: impl Fn(usize) -> f64,
 ) -> Vec<f64> {
+    let finding = weighting == Weighting::Bounded;
+    // What is left of objects on the ground is common to the readings of a leaf as well.
+    let has_common = finding && !readings.observations.intake.ground;
+    let common = if has_common { common_distances(readings, noise) } else { Vec::new() };
     (readings.feet.iter().enumerate())
         .map(|(k, foot)| {
             if foot.state != FootState::Good {
@@ -64,7 +85,8 @@ pub(super) fn weights_with_surface_variance(
                 let above = readings.observations.intake.ground
                     && foot.quantity == Quantity::Position
                     && foot.height() * foot.normal[2] > 0.0;
-                let softened = match r / BOUNDED_FROM_SIGMAS {
+                let common = common.get(foot.leaf as usize).copied().unwrap_or(0.0);
+                let softened = match r / (BOUNDED_FROM_SIGMAS + common) {
                     far if far <= 1.0 => 1.0,
                     // What is left of objects on the ground lies above it: the farther, the less it pulls.
                     far if above => 1.0 / (1.0 + (far - 1.0).powi(2) * far),
@@ -72,11 +94,52 @@ pub(super) fn weights_with_surface_variance(
                     far => 1.0 / far,
                 };
                 softened / variance
-            } else if r <= gate {
-                1.0 / variance
-            } else {
+            } else if r > gate {
                 0.0
+            } else {
+                let misfit = noise.misfit_variance(foot);
+                if weighting == Weighting::BoundedWithinGate && misfit > 0.0 {
+                    let own = variance - misfit;
+                    (BOUNDED_FROM_SIGMAS * own.sqrt() / foot.extremes().0).min(1.0) / own
+                } else {
+                    1.0 / variance
+                }
             }
         })
         .collect()
+}
+
+/// For each leaf, how far the surface is from most of its readings of positions, in σ: the size of the median
+/// of their signed distances. Gross errors lie on both sides of a surface; shape that it has lost does not.
+fn common_distances(readings: ProjectedReadings<'_>, noise: &SensorNoise) -> Vec<f64> {
+    let leaves = readings.feet.iter().map(|foot| foot.leaf as usize + 1).max().unwrap_or(0);
+    let mut distances: Vec<Vec<f64>> = vec![Vec::new(); leaves];
+    for (k, foot) in readings.feet.iter().enumerate() {
+        if foot.state == FootState::Good && foot.quantity == Quantity::Position {
+            distances[foot.leaf as usize].push(foot.height() / noise.variance(readings, k).sqrt());
+        }
+    }
+    distances.iter_mut().map(|own| common_distance(own)).collect()
+}
+
+/// The size of the median of signed distances; 0 for so few that it may be that of gross errors.
+fn common_distance(distances: &mut [f64]) -> f64 {
+    let middle = distances.len() / 2;
+    match distances.len() >= MIN_COMMON {
+        true => distances.select_nth_unstable_by(middle, f64::total_cmp).1.abs(),
+        false => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Otherwise readings of a small tip would lose to the thin plate, or gross errors drag the surface along.
+    #[test]
+    fn readings_on_one_side_of_the_surface_are_shape_and_few_others_are_not() {
+        assert_eq!(common_distance(&mut [19.0, 21.0, 20.0, -1.0, 22.0, 20.5]), 20.5);
+        assert_eq!(common_distance(&mut [0.4, -90.0, -0.3, 80.0, 0.1]), 0.1);
+        assert_eq!(common_distance(&mut [20.0, 21.0]), 0.0);
+    }
 }

@@ -8,7 +8,7 @@ use crate::fit::FitOptions;
 use crate::fit::leaves::{leaf_areas, leaves_with_feet};
 use crate::fit::noise::SensorNoise;
 use crate::fit::refine::{ConvergedFit, ConvergedKind};
-use crate::fit::weights::{weight_of_length, weights};
+use crate::fit::weights::{Weighting, weight_of_length, weights};
 use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
 use crate::observe::{Observations, Quantity, ReadingColumns};
@@ -109,7 +109,8 @@ impl Sheet<'_> {
             let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
             noise = SensorNoise::estimate(readings, self.options.noise_rules(), &unknown, annealed)?;
             // While lengths are soft, residuals are mostly shape: far readings pull with bounded force.
-            let information = weights(readings, &noise, gate, !annealed);
+            let weighting = if annealed { Weighting::Gated } else { Weighting::Bounded };
+            let information = weights(readings, &noise, gate, weighting);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
                     "expected readings near the previous state of the sheet, found none: check that the \
@@ -157,7 +158,7 @@ impl Sheet<'_> {
                 beyond_by(&surface, &observations.readings, **i, foot).is_some_and(|d| d > spacing)
             })
             .count();
-        let information = weights(readings, &noise, gate, false);
+        let information = weights(readings, &noise, gate, Weighting::Gated);
         let held = leaves_with_feet(&surface, &feet, &information, |_| true);
         let converged = ConvergedFit {
             surface,

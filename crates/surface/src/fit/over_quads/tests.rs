@@ -7,7 +7,7 @@ use crate::fit::{Fit, FitOptions, FitVerdict, GlobalOptions, Strategy, fit};
 use crate::layout::{Layout, LayoutMesh};
 use planish_core::{BoundingBox, DVec3, Silent};
 use planish_exchange::{PosedScan, ScanSet, Unit};
-use planish_mesh::isosurface;
+use planish_mesh::{TriangleMesh, isosurface};
 use planish_sense::{Noise, Scan, Sensor};
 use planish_spline::{Hierarchy, Surface};
 use rand::{RngExt, SeedableRng};
@@ -199,5 +199,8 @@ fn a_wall_of_two_grid_cells_has_no_handles_between_its_sides() {
     // Wall 0.08, grid cells 0.046.
     let (points, normals) = pipe(5000, 0.08);
     let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
-    assert_eq!(bodies_and_handles(&mesh), [1, 1]);
+    assert_eq!(bodies_and_handles(&mesh), Some([1, 1]));
+    // A level set that leaves the grid has a border, and no layout takes it.
+    let open = TriangleMesh { triangles: mesh.triangles[1..].to_vec(), ..mesh };
+    assert_eq!(bodies_and_handles(&open), None);
 }
