@@ -41,7 +41,7 @@ pub(super) enum Weighting {
     Bounded,
     /// While the surface converges: gated, but where the surface does not follow its readings, Huber's weights
     /// replace the variance of the misfit within the gate. That variance weakened the readings of small tips so
-    /// much that the thin plate flattened them, which enlarged the misfit in turn (decision 0123).
+    /// much that the thin plate flattened them, which enlarged the misfit in turn (decision 0124).
     BoundedWithinGate,
 }
 
