@@ -47,6 +47,19 @@ pub(super) struct Creases {
     rules: HashMap<u32, VertexRule>,
 }
 
+/// An edge from a corner between quads of a fan of more than 180°.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConcaveEdge {
+    /// The corner.
+    pub corner: u32,
+    /// The other end of the edge.
+    pub end: u32,
+    /// The other ends of the creases on both sides of the fan.
+    pub creases: [u32; 2],
+    /// The edge, as a sum of these creases: each with its share.
+    pub shares: [f64; 2],
+}
+
 /// The fan of quads between creases to which a corner of a quad belongs.
 pub(super) struct CornerFan {
     pub(super) shape: FanShape,
@@ -229,6 +242,28 @@ impl QuadDomain {
             kind => kind,
         };
         CornerFan { shape: FanShape { quads, kind }, first, cell }
+    }
+
+    /// Edges inside of the fans of more than 180° at corners, with the end that the tangents of the cells ask
+    /// for.
+    ///
+    /// In cells at such a corner, the tangents between both creases follow from theirs
+    /// ([`FanShape::shares_of_creases`]). Pieces fold if edges have other directions.
+    #[must_use]
+    pub fn edges_in_concave_fans(&self) -> Vec<ConcaveEdge> {
+        let mesh = self.edges();
+        let corners = (0..self.inner_vertices as u32).filter(|&v| self.creases.rule(v) == VertexRule::Corner);
+        let inside = corners.flat_map(|v| mesh.around(v)).filter_map(|h| {
+            let fan = self.fan(h);
+            let last = mesh.around_from(fan.first).nth(fan.shape.quads)?;
+            (fan.shape.kind == FanKind::Concave && fan.cell > 0).then(|| ConcaveEdge {
+                corner: mesh.start(h),
+                end: mesh.end(h),
+                creases: [mesh.end(fan.first), mesh.end(last)],
+                shares: fan.shape.shares_of_creases(fan.cell),
+            })
+        });
+        inside.collect()
     }
 
     /// True if a fan at a corner has less than 180°. Of two fans, that is the one with fewer quads.
