@@ -86,7 +86,7 @@ pub use propagation::{
     Classification, Facet, Facets, FittedPrimitive, FittedSymmetry, Prediction, Primitive, Symmetry,
     SymmetryKind, classify, fit_symmetry, propose_symmetry,
 };
-pub use quad_domain::{ConcaveEdge, Division, QuadDomain};
+pub use quad_domain::{ConcaveFan, Division, QuadDomain};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use shape_choice::{choose_base_shape, principal_axes};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

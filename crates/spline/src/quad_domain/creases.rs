@@ -47,17 +47,15 @@ pub(super) struct Creases {
     rules: HashMap<u32, VertexRule>,
 }
 
-/// An edge from a corner between quads of a fan of more than 180°.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ConcaveEdge {
+/// A fan of quads at a corner with more than 180° between its creases.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConcaveFan {
     /// The corner.
     pub corner: u32,
-    /// The other end of the edge.
-    pub end: u32,
-    /// The other ends of the creases on both sides of the fan.
-    pub creases: [u32; 2],
-    /// The edge, as a sum of these creases: each with its share.
-    pub shares: [f64; 2],
+    /// The other ends of its edges, counter-clockwise from one crease to the other.
+    pub ends: Vec<u32>,
+    /// For each edge between these, its direction as a sum of those of both creases: the share of each.
+    pub shares: Vec<[f64; 2]>,
 }
 
 /// The fan of quads between creases to which a corner of a quad belongs.
@@ -244,26 +242,27 @@ impl QuadDomain {
         CornerFan { shape: FanShape { quads, kind }, first, cell }
     }
 
-    /// Edges inside of the fans of more than 180° at corners, with the end that the tangents of the cells ask
-    /// for.
+    /// The fans of three or more quads at corners whose cells are those of more than 180°.
     ///
-    /// In cells at such a corner, the tangents between both creases follow from theirs
-    /// ([`FanShape::shares_of_creases`]). Pieces fold if edges have other directions.
+    /// In these cells, the tangents between both creases follow from those of the creases. Pieces fold if edges
+    /// have other directions.
     #[must_use]
-    pub fn edges_in_concave_fans(&self) -> Vec<ConcaveEdge> {
+    pub fn concave_fans(&self) -> Vec<ConcaveFan> {
         let mesh = self.edges();
         let corners = (0..self.inner_vertices as u32).filter(|&v| self.creases.rule(v) == VertexRule::Corner);
-        let inside = corners.flat_map(|v| mesh.around(v)).filter_map(|h| {
-            let fan = self.fan(h);
-            let last = mesh.around_from(fan.first).nth(fan.shape.quads)?;
-            (fan.shape.kind == FanKind::Concave && fan.cell > 0).then(|| ConcaveEdge {
-                corner: mesh.start(h),
-                end: mesh.end(h),
-                creases: [mesh.end(fan.first), mesh.end(last)],
-                shares: fan.shape.shares_of_creases(fan.cell),
+        let first = corners.flat_map(|v| mesh.around(v)).filter(|&h| self.creases.has(mesh, h));
+        let fans = first.filter_map(|h| {
+            let shape = self.fan(h).shape;
+            let ends: Vec<u32> = mesh.around_from(h).take(shape.quads + 1).map(|h| mesh.end(h)).collect();
+            (shape.kind == FanKind::Concave && shape.quads > 1 && ends.len() > shape.quads).then(|| {
+                ConcaveFan {
+                    corner: mesh.start(h),
+                    shares: (1..shape.quads).map(|cell| shape.shares_of_creases(cell)).collect(),
+                    ends,
+                }
             })
         });
-        inside.collect()
+        fans.collect()
     }
 
     /// True if a fan at a corner has less than 180°. Of two fans, that is the one with fewer quads.

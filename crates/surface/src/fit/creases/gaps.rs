@@ -54,7 +54,7 @@ impl SharpMesh {
     pub(super) fn place_corners(&mut self) {
         for v in (0..self.at.len() as u32).filter(|&v| self.creases(v).len() == 3).collect::<Vec<_>>() {
             let branches: Vec<Vec<u32>> = self.creases(v).iter().map(|&w| self.branch([v, w])).collect();
-            let ends: Vec<Sides> = branches.iter().map(|path| self.sides(path[path.len() - 1])).collect();
+            let ends: Vec<Sides> = branches.iter().map(|path| self.sides_of_branch(path)).collect();
             let first = [ends[0][0], ends[0][1]];
             let others = ends[1..].iter().flat_map(|sides| [sides[0], sides[1]]);
             let Some(corner) = self.corner_of(first, others, self.at[v as usize]) else { continue };
@@ -68,6 +68,14 @@ impl SharpMesh {
                 }
             }
         }
+    }
+
+    /// Both sides of a chain, from its last vertex on that has no more. A vertex of three sides next to a corner
+    /// would return to it.
+    fn sides_of_branch(&self, path: &[u32]) -> Sides {
+        let of_crease = |sides: &Sides| sides[1] != NONE && sides[2] == NONE;
+        let last = self.sides(path[path.len() - 1]);
+        path[1..].iter().rev().map(|&v| self.sides(v)).find(of_crease).unwrap_or(last)
     }
 
     /// The vertices of a chain from its first two on, over a length, or up to where it ends or branches.
