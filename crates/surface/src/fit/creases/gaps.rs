@@ -22,6 +22,8 @@ const OWN_CHAIN: f64 = 10.0;
 const MAX_PATH_MOVE: f64 = 3.0;
 /// Length over which creases are straightened at a corner, in spacings.
 const CORNER_LENGTH: f64 = 3.0;
+/// Vertices of a crease are that far from a corner at least, in spacings.
+const KINK: f64 = 0.3;
 /// Least cosine between the direction of an end and that to its target.
 const MIN_AHEAD: f64 = 0.4;
 /// What each spacing from the line of the end costs, beside the length of a path. What a target that is no
@@ -65,6 +67,24 @@ impl SharpMesh {
                 let inner = &path[1..path.len() - 1];
                 for (k, &w) in inner.iter().enumerate() {
                     self.move_to(w, placed.lerp(far, (k + 1) as f64 / (inner.len() + 1) as f64), sides);
+                }
+            }
+        }
+    }
+
+    /// Spaces the vertices of creases evenly up to a corner from which the first is less than [`KINK`] away.
+    ///
+    /// Next to a corner, two of its sides may meet at a wrong place. Vertices that are much nearer to it than
+    /// others then lie beside their crease, and all layouts of a block with a pocket folded there.
+    pub(super) fn straighten_at_corners(&mut self) {
+        for v in (0..self.at.len() as u32).filter(|&v| self.creases(v).len() == 3).collect::<Vec<_>>() {
+            let corner = self.at[v as usize];
+            for path in self.creases(v).iter().map(|&w| self.branch([v, w])).collect::<Vec<_>>() {
+                let far = self.at[path[path.len() - 1] as usize];
+                if corner.distance(self.at[path[1] as usize]) < KINK * self.spacing() {
+                    for (k, &w) in path[1..path.len() - 1].iter().enumerate() {
+                        self.at[w as usize] = corner.lerp(far, (k + 1) as f64 / (path.len() - 1) as f64);
+                    }
                 }
             }
         }

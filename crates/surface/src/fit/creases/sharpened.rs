@@ -188,6 +188,7 @@ impl SharpMesh {
             self.move_all();
             self.untangle();
         }
+        self.straighten_at_corners();
         for _ in 0..UNTANGLING_ROUNDS {
             if self.turned_over() == 0 {
                 break;
