@@ -22,8 +22,6 @@ const OWN_CHAIN: f64 = 10.0;
 const MAX_PATH_MOVE: f64 = 3.0;
 /// Length over which creases are straightened at a corner, in spacings.
 const CORNER_LENGTH: f64 = 3.0;
-/// Vertices of a crease are that far from a corner at least, in spacings.
-const KINK: f64 = 0.3;
 /// Least cosine between the direction of an end and that to its target.
 const MIN_AHEAD: f64 = 0.4;
 /// What each spacing from the line of the end costs, beside the length of a path. What a target that is no
@@ -56,7 +54,7 @@ impl SharpMesh {
     pub(super) fn place_corners(&mut self) {
         for v in (0..self.at.len() as u32).filter(|&v| self.creases(v).len() == 3).collect::<Vec<_>>() {
             let branches: Vec<Vec<u32>> = self.creases(v).iter().map(|&w| self.branch([v, w])).collect();
-            let ends: Vec<Sides> = branches.iter().map(|path| self.sides_of_branch(path)).collect();
+            let ends: Vec<Sides> = branches.iter().map(|path| self.sides(path[path.len() - 1])).collect();
             let first = [ends[0][0], ends[0][1]];
             let others = ends[1..].iter().flat_map(|sides| [sides[0], sides[1]]);
             let Some(corner) = self.corner_of(first, others, self.at[v as usize]) else { continue };
@@ -70,32 +68,6 @@ impl SharpMesh {
                 }
             }
         }
-    }
-
-    /// Spaces the vertices of creases evenly up to a corner from which the first is less than [`KINK`] away.
-    ///
-    /// Next to a corner, two of its sides may meet at a wrong place. Vertices that are much nearer to it than
-    /// others then lie beside their crease, and all layouts of a block with a pocket folded there.
-    pub(super) fn straighten_at_corners(&mut self) {
-        for v in (0..self.at.len() as u32).filter(|&v| self.creases(v).len() == 3).collect::<Vec<_>>() {
-            let corner = self.at[v as usize];
-            for path in self.creases(v).iter().map(|&w| self.branch([v, w])).collect::<Vec<_>>() {
-                let far = self.at[path[path.len() - 1] as usize];
-                if corner.distance(self.at[path[1] as usize]) < KINK * self.spacing() {
-                    for (k, &w) in path[1..path.len() - 1].iter().enumerate() {
-                        self.at[w as usize] = corner.lerp(far, (k + 1) as f64 / (path.len() - 1) as f64);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Both sides of a chain, from its last vertex on that has no more. A vertex of three sides next to a corner
-    /// would return to it.
-    fn sides_of_branch(&self, path: &[u32]) -> Sides {
-        let of_crease = |sides: &Sides| sides[1] != NONE && sides[2] == NONE;
-        let last = self.sides(path[path.len() - 1]);
-        path[1..].iter().rev().map(|&v| self.sides(v)).find(of_crease).unwrap_or(last)
     }
 
     /// The vertices of a chain from its first two on, over a length, or up to where it ends or branches.

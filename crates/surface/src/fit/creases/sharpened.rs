@@ -188,7 +188,6 @@ impl SharpMesh {
             self.move_all();
             self.untangle();
         }
-        self.straighten_at_corners();
         for _ in 0..UNTANGLING_ROUNDS {
             if self.turned_over() == 0 {
                 break;
