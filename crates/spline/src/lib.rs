@@ -88,7 +88,7 @@ pub use propagation::{
 };
 #[doc(hidden)]
 pub use quad_domain::test_meshes;
-pub use quad_domain::{Division, QuadDomain};
+pub use quad_domain::{ConcaveFan, Division, QuadDomain};
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use shape_choice::{choose_base_shape, principal_axes};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

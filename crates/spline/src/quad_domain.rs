@@ -32,6 +32,7 @@ pub mod test_meshes;
 #[cfg(test)]
 mod tests;
 
+pub use creases::ConcaveFan;
 use creases::Creases;
 pub use division::Division;
 pub(crate) use extraordinary::{PIECES, leaf_weights};

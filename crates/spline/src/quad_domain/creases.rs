@@ -47,6 +47,17 @@ pub(super) struct Creases {
     rules: HashMap<u32, VertexRule>,
 }
 
+/// A fan of quads at a corner with more than 180° between its creases.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConcaveFan {
+    /// The corner.
+    pub corner: u32,
+    /// The other ends of its edges, counter-clockwise from one crease to the other.
+    pub ends: Vec<u32>,
+    /// For each edge between these, its direction as a sum of those of both creases: the share of each.
+    pub shares: Vec<[f64; 2]>,
+}
+
 /// The fan of quads between creases to which a corner of a quad belongs.
 pub(super) struct CornerFan {
     pub(super) shape: FanShape,
@@ -229,6 +240,29 @@ impl QuadDomain {
             kind => kind,
         };
         CornerFan { shape: FanShape { quads, kind }, first, cell }
+    }
+
+    /// The fans of three or more quads at corners whose cells are those of more than 180°.
+    ///
+    /// In these cells, the tangents between both creases follow from those of the creases. Pieces fold if edges
+    /// have other directions.
+    #[must_use]
+    pub fn concave_fans(&self) -> Vec<ConcaveFan> {
+        let mesh = self.edges();
+        let corners = (0..self.inner_vertices as u32).filter(|&v| self.creases.rule(v) == VertexRule::Corner);
+        let first = corners.flat_map(|v| mesh.around(v)).filter(|&h| self.creases.has(mesh, h));
+        let fans = first.filter_map(|h| {
+            let shape = self.fan(h).shape;
+            let ends: Vec<u32> = mesh.around_from(h).take(shape.quads + 1).map(|h| mesh.end(h)).collect();
+            (shape.kind == FanKind::Concave && shape.quads > 1 && ends.len() > shape.quads).then(|| {
+                ConcaveFan {
+                    corner: mesh.start(h),
+                    shares: (1..shape.quads).map(|cell| shape.shares_of_creases(cell)).collect(),
+                    ends,
+                }
+            })
+        });
+        fans.collect()
     }
 
     /// True if a fan at a corner has less than 180°. Of two fans, that is the one with fewer quads.

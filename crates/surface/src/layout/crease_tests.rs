@@ -96,6 +96,27 @@ fn layouts_keep_the_creases_of_solids() {
     }
 }
 
+/// Edges between the quads of a corner of 270° point where the cells of a spline need them: opposite to the
+/// creases. Pieces of cells folded there.
+#[test]
+fn edges_at_concave_corners_have_the_directions_of_their_cells() {
+    let meshed = LayoutMesh::with_creases(shape("bracket"), 200).unwrap();
+    let made = meshed.divided(&meshed.layout(60).unwrap()).unwrap();
+    let at = |v: u32| made.positions[v as usize];
+    let on_crease: BTreeSet<u32> = made.domain.creases().iter().flatten().copied().collect();
+    let mut tested = 0;
+    for fan in made.domain.concave_fans() {
+        let ways: Vec<DVec3> = fan.ends.iter().map(|&v| at(v) - at(fan.corner)).collect();
+        for (k, [a, b]) in (1..).zip(&fan.shares).filter(|(k, _)| !on_crease.contains(&fan.ends[*k])) {
+            let wanted = *a * ways[0] + *b * ways[ways.len() - 1];
+            let off = ways[k].angle_between(wanted).to_degrees();
+            assert!(off < 8.0, "an edge is {off:.1}° off");
+            tested += 1;
+        }
+    }
+    assert!(tested >= 4, "{tested} edges");
+}
+
 /// The rims of a cylinder are smooth curves: no vertex is a corner, and two quads lie on each side.
 #[test]
 fn rims_have_two_quads_on_both_sides() {
