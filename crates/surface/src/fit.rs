@@ -357,6 +357,9 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
     Ok(())
 }
 
+/// Fits with creases, over more and more quads, before one without.
+const MAX_CREASED_FITS: usize = 3;
+
 /// Finds a starting surface and refines it.
 ///
 /// # Errors
@@ -382,20 +385,30 @@ fn converge(
     {
         return Ok(converged);
     }
-    let mut refined = |options: &FitOptions, progress: &dyn Progress| {
-        let surface = first_surface(observations, options, 1, progress)?;
-        let has_creases = surface.space().domain().is_some_and(|domain| !domain.creases().is_empty());
+    let mut refined = |options: &FitOptions, fewest_quads: usize| {
+        let surface = first_surface(observations, options, 1, fewest_quads, progress)?;
+        let domain = surface.space().domain().filter(|domain| !domain.creases().is_empty());
+        // Each quad of a layout was divided into four.
+        let creased_quads = domain.map(|domain| domain.cells().len() / 4);
         let subset = observations.fitted();
-        Ok((has_creases, refine_to_noise(observations, surface, subset, options, progress)))
+        Ok((creased_quads, refine_to_noise(observations, surface, subset, options, progress)))
     };
-    match refined(options, progress)? {
-        (true, Ok(fit)) if !Folds::of(&fit.surface, &fit.feet)?.places.is_empty() => {}
-        (true, Err(error)) if error.kind() == ErrorKind::Undetermined => {}
-        (_, fit) => return fit,
+    let mut fewest_quads = 0;
+    for _ in 0..MAX_CREASED_FITS {
+        let (creased_quads, fit) = refined(options, fewest_quads)?;
+        match (creased_quads, fit) {
+            (Some(_), Ok(fit)) if Folds::of(&fit.surface, &fit.feet)?.places.is_empty() => return Ok(fit),
+            // Layouts differ in their corners, at most of which a fit does not fold.
+            (Some(quads), Ok(_)) => fewest_quads = quads + quads / 2,
+            (Some(quads), Err(error)) if error.kind() == ErrorKind::Undetermined => {
+                fewest_quads = quads + quads / 2;
+            }
+            (_, fit) => return fit,
+        }
     }
     // Creases were found at wrong places, or are too near to each other. A smooth surface rounds them
     // instead.
-    refined(&options.without_creases(), progress)?.1
+    refined(&options.without_creases(), 0)?.1
 }
 
 /// The given scans of a set, with its sensors.

@@ -53,7 +53,8 @@ const NEAREST: usize = 24;
 /// Directions from the centre, around the axis and along it.
 const DIRECTIONS: [usize; 2] = [16, 8];
 
-/// The starting surface, over a base grid whose sides are multiples of `multiple`.
+/// The starting surface, over a base grid whose sides are multiples of `multiple`, or with creases over a layout
+/// of `fewest_quads` or more.
 ///
 /// Points around solids that are not star-shaped get a surface over quads, with as many handles and bodies as
 /// they show. If they are too few to show that, a ball grows into the solid and is refined on the way. Other
@@ -66,6 +67,7 @@ pub(super) fn first_surface(
     observations: &Observations,
     options: &FitOptions,
     multiple: usize,
+    fewest_quads: usize,
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let sample = shape_sample(&observations.readings);
@@ -73,7 +75,8 @@ pub(super) fn first_surface(
     let sample = sample.readings;
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
     let sigma = typical_sigma(observations, &sample);
-    let over_quads = |mesh: CreasedMesh| surface_over_quads(mesh, size, options.max_coefficients, progress);
+    let over_quads =
+        |mesh: CreasedMesh| surface_over_quads(mesh, size, options.max_coefficients, fewest_quads, progress);
     // With sharp edges, if there are any. Where they are nearer to each other than quads are large, or were
     // found at wrong places, there is no such surface.
     let sharp = |mesh: &TriangleMesh| -> Result<Option<Surface>> {

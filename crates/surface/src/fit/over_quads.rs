@@ -72,7 +72,7 @@ const INTERPOLATED: f64 = 0.1;
 /// A surface over quads on a closed mesh that is drawn from a sample of `readings` points, with about half of
 /// `max_coefficients` vertices at most. Creases of the mesh are creases of the surface.
 ///
-/// Layouts have more and more quads, until a surface is near the mesh and does not pass through itself. The
+/// Layouts have more and more quads, with creases from `fewest_quads` on, until a surface is near the mesh and does not pass through itself. The
 /// best of all is taken if none is.
 ///
 /// # Errors
@@ -82,6 +82,7 @@ pub(super) fn surface_over_quads(
     mesh: CreasedMesh,
     readings: usize,
     max_coefficients: usize,
+    fewest_quads: usize,
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
@@ -92,7 +93,7 @@ pub(super) fn surface_over_quads(
     // Where cells are divided, the finest ones are a part of all.
     let finest = (readings / READINGS_PER_QUAD).min(meshed.mesh().positions.len());
     let mut best: Option<(Defect, Surface)> = None;
-    let mut quads = FEWEST_QUADS;
+    let mut quads = if has_creases { fewest_quads.clamp(FEWEST_QUADS, most) } else { FEWEST_QUADS };
     loop {
         progress.check("layout", 0.05 + 0.35 * quads as f64 / (quads + most) as f64)?;
         let is_last = quads >= most;

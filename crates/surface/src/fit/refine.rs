@@ -384,7 +384,15 @@ impl Refinement<'_> {
             }
             _ => local_variance,
         };
-        let weighting = if round.is_last { Weighting::BoundedWithinGate } else { Weighting::Bounded };
+        // A start with creases has no lost tips. Beside a crease, readings on one side may belong to the face
+        // beyond it.
+        let has_creases = self.surface.space().domain().is_some_and(|domain| !domain.creases().is_empty());
+        let weighting = match (has_creases, round.is_last) {
+            (false, false) => Weighting::BoundedByLeaf,
+            (false, true) => Weighting::BoundedWithinGate,
+            (true, false) => Weighting::Bounded,
+            (true, true) => Weighting::Gated,
+        };
         let information = weights(readings, &self.noise, gate, weighting);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(

@@ -36,9 +36,11 @@ pub(super) fn smoothing_information(quantity: Quantity, information: f64, length
 pub(super) enum Weighting {
     /// Zero outside the gate: the information of a model.
     Gated,
-    /// While the shape is being found, Huber's weights replace the gate. Where most readings of a leaf are on
-    /// one side of the surface, the force is bounded from their median distance on.
+    /// While the shape is being found, Huber's weights replace the gate.
     Bounded,
+    /// The same, but where most readings of a leaf are on one side of the surface, the force is bounded from
+    /// their median distance on.
+    BoundedByLeaf,
     /// While the surface converges: gated, but where the surface does not follow its readings, Huber's weights
     /// replace the variance of the misfit within the gate. That variance weakened the readings of small tips so
     /// much that the thin plate flattened them, which enlarged the misfit in turn (decision 0124).
@@ -68,9 +70,9 @@ pub(super) fn weights_with_surface_variance(
     weighting: Weighting,
     surface_variance: impl Fn(usize) -> f64,
 ) -> Vec<f64> {
-    let finding = weighting == Weighting::Bounded;
+    let finding = matches!(weighting, Weighting::Bounded | Weighting::BoundedByLeaf);
     // What is left of objects on the ground is common to the readings of a leaf as well.
-    let has_common = finding && !readings.observations.intake.ground;
+    let has_common = weighting == Weighting::BoundedByLeaf && !readings.observations.intake.ground;
     let common = if has_common { common_distances(readings, noise) } else { Vec::new() };
     (readings.feet.iter().enumerate())
         .map(|(k, foot)| {
