@@ -121,8 +121,8 @@ pub struct FitArgs {
           help_heading = "Surface", hide_short_help = true)]
     pub cell_size: Option<Length>,
     /// Close meshes and STEP files over places without readings
-    #[arg(long, value_enum, value_name = "WHEN", default_value_t = ClosingName::Auto, help_heading = "Surface",
-          hide_short_help = true)]
+    #[arg(long, value_enum, value_name = "WHEN", default_value_t = ClosingName::Auto,
+          help_heading = "Surface", hide_short_help = true)]
     pub close: ClosingName,
 
     /// Keep only bare earth below objects up to WIDTH [default width: 36 m]

@@ -25,8 +25,8 @@ the differences between patches. Corresponding points are fused, weighted by the
 is then assigned to one patch and the gaps are closed. In the result no edge has more than two triangles.
 
 A result of one part can also be written as one spline (.step, .planish): a sheet, a tube or a closed \
-surface with any number of handles, fitted to the mesh, with the σ of the mesh. With --align, the other patches are first registered to the \
-first patch; the JSON object has the covariance of each motion.";
+surface with any number of handles, fitted to the mesh, with the σ of the mesh. With --align, the other \
+patches are first registered to the first patch; the JSON object has the covariance of each motion.";
 
 /// Value of `--method`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

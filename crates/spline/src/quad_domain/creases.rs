@@ -244,8 +244,8 @@ impl QuadDomain {
 
     /// The fans of three or more quads at corners whose cells are those of more than 180°.
     ///
-    /// In these cells, the tangents between both creases follow from those of the creases. Pieces fold if edges
-    /// have other directions.
+    /// In these cells, the tangents between both creases follow from those of the creases. Pieces fold if
+    /// edges have other directions.
     #[must_use]
     pub fn concave_fans(&self) -> Vec<ConcaveFan> {
         let mesh = self.edges();

@@ -99,8 +99,8 @@ impl FanShape {
         }
     }
 
-    /// The tangent of the edge before a cell at the vertex, as a sum of those of the first and the last crease:
-    /// directions with even angles, up to an affine map.
+    /// The tangent of the edge before a cell at the vertex, as a sum of those of the first and the last
+    /// crease: directions with even angles, up to an affine map.
     pub(crate) fn shares_of_creases(self, cell: usize) -> [f64; 2] {
         let angle = TAU / self.quads_of_turn();
         let sine = |quads: usize| (quads as f64 * angle).sin() / (self.quads as f64 * angle).sin();

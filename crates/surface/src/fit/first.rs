@@ -53,8 +53,8 @@ const NEAREST: usize = 24;
 /// Directions from the centre, around the axis and along it.
 const DIRECTIONS: [usize; 2] = [16, 8];
 
-/// The starting surface, over a base grid whose sides are multiples of `multiple`, or with creases over a layout
-/// of `fewest_quads` or more.
+/// The starting surface, over a base grid whose sides are multiples of `multiple`, or with creases over a
+/// layout of `fewest_quads` or more.
 ///
 /// Points around solids that are not star-shaped get a surface over quads, with as many handles and bodies as
 /// they show. If they are too few to show that, a ball grows into the solid and is refined on the way. Other

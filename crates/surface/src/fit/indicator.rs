@@ -283,9 +283,9 @@ fn mirrored(index: usize, cells: usize) -> usize {
 
 /// Multiplies a spectrum by that of a Gaussian, whose σ is in grid cells.
 fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
-    // A Gaussian is the product of Gaussians along the axes. The highest frequency has a size, though no sign:
-    // unblurred, the points of a plane across an axis changed the density everywhere along it, and the area of
-    // single points was far too large (decision 0124).
+    // A Gaussian is the product of Gaussians along the axes. The highest frequency has a size, though no
+    // sign: unblurred, the points of a plane across an axis changed the density everywhere along it, and the
+    // area of single points was far too large (decision 0124).
     let frequency = |m: usize| TAU * m.min(n - m) as f64 / n as f64;
     let along: Vec<f64> = (0..n).map(|m| (-0.5 * (sigma_cells * frequency(m)).powi(2)).exp()).collect();
     grid.par_chunks_mut(n).enumerate().for_each(|(row, values)| {

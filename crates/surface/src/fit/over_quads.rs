@@ -72,8 +72,8 @@ const INTERPOLATED: f64 = 0.1;
 /// A surface over quads on a closed mesh that is drawn from a sample of `readings` points, with about half of
 /// `max_coefficients` vertices at most. Creases of the mesh are creases of the surface.
 ///
-/// Layouts have more and more quads, with creases from `fewest_quads` on, until a surface is near the mesh and does not pass through itself. The
-/// best of all is taken if none is.
+/// Layouts have more and more quads, with creases from `fewest_quads` on, until a surface is near the mesh
+/// and does not pass through itself. The best of all is taken if none is.
 ///
 /// # Errors
 /// As for [`LayoutMesh::layout`]; `Undetermined` if there are creases, and every surface is far from the mesh

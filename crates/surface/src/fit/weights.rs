@@ -41,18 +41,19 @@ pub(super) enum Weighting {
     /// The same, but where most readings of a leaf are on one side of the surface, the force is bounded from
     /// their median distance on.
     BoundedByLeaf,
-    /// While the surface converges: gated, but where the surface does not follow its readings, Huber's weights
-    /// replace the variance of the misfit within the gate. That variance weakened the readings of small tips so
-    /// much that the thin plate flattened them, which enlarged the misfit in turn (decision 0124).
+    /// While the surface converges: gated, but where the surface does not follow its readings, Huber's
+    /// weights replace the variance of the misfit within the gate. That variance weakened the readings of
+    /// small tips so much that the thin plate flattened them, which enlarged the misfit in turn (decision
+    /// 0124).
     BoundedWithinGate,
 }
 
 /// Information of every foot: one over its variance, and less for readings far from the surface.
 ///
 /// The force of readings beyond [`BOUNDED_FROM_SIGMAS`] is bounded where weights are Huber's. On ground, the
-/// weights of readings above the surface fall off faster, so that the sheet settles on the lower of two layers
-/// (Kraus & Pfeifer 1998, *Determination of terrain models in wooded areas with airborne laser scanner data*;
-/// the form of the fall is ours, in units of σ).
+/// weights of readings above the surface fall off faster, so that the sheet settles on the lower of two
+/// layers (Kraus & Pfeifer 1998, *Determination of terrain models in wooded areas with airborne laser
+/// scanner data*; the form of the fall is ours, in units of σ).
 pub(super) fn weights(
     readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
@@ -137,7 +138,8 @@ fn common_distance(distances: &mut [f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Otherwise readings of a small tip would lose to the thin plate, or gross errors drag the surface along.
+    /// Otherwise readings of a small tip would lose to the thin plate, or gross errors drag the surface
+    /// along.
     #[test]
     fn readings_on_one_side_of_the_surface_are_shape_and_few_others_are_not() {
         assert_eq!(common_distance(&mut [19.0, 21.0, 20.0, -1.0, 22.0, 20.5]), 20.5);
