@@ -163,14 +163,11 @@ impl<'a> ShellTracker<'a> {
         watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
     ) -> Result<FrameFit> {
         let parameters = self.deformation.parameters();
-        let identity = DMatrix::<f64>::identity(parameters, parameters);
         let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
-        // The information of the readings alone may be singular; a prior of half the mesh's size makes it
-        // regular.
-        let floor = (0.5 * self.size).powi(-2);
-        let n = &fit.data_information;
-        let vector = &fit.data_vector;
-        let covariance = Factor::new(&(n + floor * &identity)).ok_or_else(undetermined)?.inverse();
+        let (n, vector) = (&fit.data_information, &fit.data_vector);
+        // The information of the readings alone may be singular.
+        let floor = self.shape_alone(0.0).information;
+        let covariance = Factor::new(&(n + floor)).ok_or_else(undetermined)?.inverse();
         let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
         joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
         let mut mean = DVector::zeros(2 * parameters);
@@ -180,7 +177,7 @@ impl<'a> ShellTracker<'a> {
             SHAPE_HALF_DECADES,
             SHAPE_PRIOR_HALF_DECADES,
         );
-        shapes.add((n, vector), 1.0, |weight| self.shape_alone(weight));
+        shapes.add((n, vector), 1.0, |weight| Some(self.shape_alone(weight)));
         self.state = Some(Motion {
             mean,
             covariance: joint,
@@ -193,11 +190,11 @@ impl<'a> ShellTracker<'a> {
     }
 
     /// The prior of shapes with a smoothness weight. Rigid motions are known to half the mesh's size.
-    fn shape_alone(&self, weight: f64) -> Option<ParameterPrior> {
+    fn shape_alone(&self, weight: f64) -> ParameterPrior {
         let parameters = self.deformation.parameters();
         let floor = (0.5 * self.size).powi(-2);
         let information = weight * &self.stiffness + DMatrix::identity(parameters, parameters) * floor;
-        Some(ParameterPrior { mean: DVector::zeros(parameters), information })
+        ParameterPrior { mean: DVector::zeros(parameters), information }
     }
 
     /// [`ShellTracker::follow`] that calls `watch` before each iteration. An error returned by `watch` stops
@@ -235,7 +232,7 @@ impl<'a> ShellTracker<'a> {
         let own_mean = mean.rows(0, parameters).into_owned();
         let base = joint.view((0, 0), (parameters, parameters)).into_owned();
         let mut shapes = last.shapes.clone();
-        shapes.add((n, vector), 1.0, |weight| self.shape_alone(weight));
+        shapes.add((n, vector), 1.0, |weight| Some(self.shape_alone(weight)));
         let shape = shapes.most_likely() * &self.stiffness;
         let mut motions = last.motions.clone();
         if !last.moves {

@@ -214,6 +214,26 @@ fn messages_name_the_invalid_value() {
     assert!(refused(&[good], &defaults).contains("controls"));
 }
 
+/// Points of a mesh at random places, with noise of σ.
+fn noisy_points(
+    mesh: &TriangleMesh,
+    count: usize,
+    sigma: f64,
+    places_seed: u64,
+    random: &mut ChaCha8Rng,
+) -> Vec<PointReading> {
+    let mut places = ChaCha8Rng::seed_from_u64(places_seed);
+    let sampled = sample_points(mesh, count, || places.random_range(0.0..1.0)).unwrap();
+    let reading = |at: DVec3| PointReading {
+        at: at.map(|x| {
+            let noise: f64 = StandardNormal.sample(random);
+            x + sigma * noise
+        }),
+        covariance: SymmetricMatrix3::isotropic(sigma * sigma),
+    };
+    sampled.iter().map(|place| place.position).map(reading).collect()
+}
+
 /// A part that turned by 35° is found with its size. Linearised at rest, it was found turned by half of that.
 #[test]
 fn a_part_that_turns_keeps_its_size() {
@@ -249,17 +269,7 @@ fn a_part_that_turns_keeps_its_size() {
         triangles: mesh.triangles.clone(),
     };
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    let mut places = ChaCha8Rng::seed_from_u64(6);
-    let points: Vec<PointReading> = (sample_points(&truth, 1500, || places.random_range(0.0..1.0)).unwrap())
-        .iter()
-        .map(|place| PointReading {
-            at: place.position.map(|x| {
-                let noise: f64 = StandardNormal.sample(&mut random);
-                x + SIGMA * noise
-            }),
-            covariance: SymmetricMatrix3::isotropic(SIGMA * SIGMA),
-        })
-        .collect();
+    let points = noisy_points(&truth, 1500, SIGMA, 6, &mut random);
     let options = ShellFitOptions { stiffness: Some(made.stiffness(&k)), ..ShellFitOptions::default() };
     let fit = fit_points(&mesh, &made, &points, &options).unwrap();
     let found = fit.parameters.rows(count - 3, 3).norm() / radius;

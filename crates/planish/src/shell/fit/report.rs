@@ -15,6 +15,8 @@ pub(super) fn known(
     deformation: &dyn Deformation,
     start_sigma: &[f64],
 ) -> (Vec<DVec3>, Vec<f64>, Vec<u8>) {
+    let linear = deformation.linearised_at(&made.parameters);
+    let deformation = linear.as_deref().unwrap_or(deformation);
     let normals = mesh.vertex_normals();
     // The part of the variance that readings account for: with information `A = D + P` of data and prior,
     // `A⁻¹ = A⁻¹ D A⁻¹ + A⁻¹ P A⁻¹`.

@@ -130,18 +130,7 @@ fn an_object_at_rest_in_the_first_frame_is_followed() {
         let bend = 0.05 * frame as f64;
         let positions = mesh.positions.iter().map(|p| *p + DVec3::X * (bend * p.z * p.z)).collect();
         let truth = TriangleMesh { positions, triangles: mesh.triangles.clone() };
-        let mut places = ChaCha8Rng::seed_from_u64(frame);
-        let points: Vec<PointReading> = (sample_points(&truth, 600, || places.random_range(0.0..1.0))
-            .unwrap())
-        .iter()
-        .map(|place| PointReading {
-            at: place.position.map(|x| {
-                let noise: f64 = StandardNormal.sample(&mut random);
-                x + SIGMA * noise
-            }),
-            covariance: SymmetricMatrix3::isotropic(SIGMA * SIGMA),
-        })
-        .collect();
+        let points = noisy_points(&truth, 600, SIGMA, frame, &mut random);
         let readings = ShellReadings { points: &points, ..ShellReadings::default() };
         let made = tracker.follow(&readings).unwrap();
         let search = MeshSearch::try_new(&truth).unwrap();
