@@ -17,6 +17,7 @@ mod rigid;
 pub use dirichlet::Dirichlet;
 pub use lattice::{Lattice, LatticeBasis};
 pub use modes::{Modes, VertexDisplacements};
+pub(crate) use rigid::nearest_rotation;
 pub use rigid::{PartMotion, RigidPart, RigidParts};
 
 use nalgebra::{DMatrix, DVector};

@@ -28,6 +28,7 @@
 mod correlation;
 mod dense;
 mod equations;
+mod folds;
 mod orientation;
 mod point_selection;
 mod priors;
@@ -40,6 +41,7 @@ mod sheets;
 mod sight;
 mod smoothness;
 mod solve;
+mod support;
 mod tracks;
 
 pub use readings::{
@@ -48,10 +50,12 @@ pub use readings::{
 };
 
 pub use sequence::{FrameFit, ShellTracker};
+pub use support::VertexSupport;
 
 use crate::camera::Camera;
 use crate::deformation::{Deformation, parameter_row};
 use crate::field::Metaball;
+use crate::rigidity::Rigidity;
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 use planish_estimate::{Error, Loss, Result, Termination};
@@ -87,6 +91,9 @@ pub struct ShellFitOptions {
     pub believe_sigma: bool,
     /// Stiffness `K` of all parameters, the energy of rough displacements; `None` for no smoothness.
     pub stiffness: Option<DMatrix<f64>>,
+    /// Energy of the controls, instead of the stiffness, that does not penalise rotations of parts. The first
+    /// parameters are the displacements of its points.
+    pub rigidity: Option<Rigidity>,
     /// Initial parameters; smoothness applies to displacements from them. Default: the prior's mean, or zero.
     pub start: Option<DVector<f64>>,
     /// σ of the initial position of each control, in the unit of the mesh, if the start is known to be near.
@@ -111,6 +118,7 @@ impl Default for ShellFitOptions {
             loss: Loss::tukey(),
             believe_sigma: false,
             stiffness: None,
+            rigidity: None,
             start: None,
             start_sigma: None,
             prior: None,
@@ -161,6 +169,13 @@ pub struct ShellFit {
     /// It is estimated from the correlation of neighbouring residuals. It belongs to the surface, so the
     /// covariance of the parameters does not include it.
     pub unresolved_shape: f64,
+    /// The same at each vertex; empty for fits without points.
+    pub unresolved_at: Vec<f64>,
+    /// How points support each vertex; empty for fits without points.
+    pub support: Vec<VertexSupport>,
+    /// Number of points that the fit rejected although they agree with their neighbours: surface that the
+    /// mesh does not follow.
+    pub unfollowed_points: usize,
     /// Points.
     pub points: SourceFit,
     /// Outline points, one view after the other.
@@ -276,7 +291,14 @@ pub fn fit_shell_with_progress(
 }
 
 impl ShellFit {
-    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of the unresolved shape.
+    /// σ along the normal of a vertex of shape that the parameters cannot represent.
+    #[must_use]
+    pub fn unresolved_at(&self, vertex: u32) -> f64 {
+        self.unresolved_at.get(vertex as usize).copied().unwrap_or(self.unresolved_shape)
+    }
+
+    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m_v²)`, with `m_v` the σ of unresolved shape
+    /// there.
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: DVec3) -> f64 {
         // First order; exact for deformations that are linear in their parameters.
@@ -284,7 +306,7 @@ impl ShellFit {
         let row = parameter_row(linear.as_deref().unwrap_or(deformation), vertex, direction);
         let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
         // Shape that the controls cannot represent is independent of their errors.
-        (by_parameters + self.unresolved_shape * self.unresolved_shape).sqrt()
+        (by_parameters + self.unresolved_at(vertex).powi(2)).sqrt()
     }
 }
 
@@ -324,6 +346,11 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
                 k.ncols()
             )));
         }
+    }
+    if let Some(points) = (options.rigidity.as_ref().map(Rigidity::points)).filter(|n| 3 * n > parameters) {
+        return Err(Error::input(format!(
+            "the rigidity: expected at most a third of {parameters} parameters as points, found {points}"
+        )));
     }
     let lengths = [
         ("the prior", options.prior.as_ref().map(|prior| &prior.mean)),

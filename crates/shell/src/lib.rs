@@ -49,7 +49,9 @@ mod fit;
 mod isosurface;
 mod natural_neighbour;
 mod overlap;
+mod point_tree;
 mod remeshing;
+mod rigidity;
 mod skeleton;
 
 pub use camera::Camera;
@@ -63,9 +65,10 @@ pub use field::{FacetShare, Metaball, Shell, ShellDistance, ShellOptions, subdiv
 pub use fit::{
     FeatureObservation, FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading,
     PoseNoise, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView, SourceFit,
-    fit_points, fit_shell, fit_shell_with_progress, stiffness_for_xyz,
+    VertexSupport, fit_points, fit_shell, fit_shell_with_progress, stiffness_for_xyz,
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
 pub use overlap::{covered_pixels, intersection_over_union, projected_vertices};
 pub use remeshing::{Region, RemeshOptions, remesh, smooth_vertex_values};
+pub use rigidity::Rigidity;

@@ -190,13 +190,15 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     progress.check("reading", 0.0)?;
     let mut start = run.start()?;
     // After the start: controls are placed on the mesh that is fitted, and modes replace its vertices.
-    let Moved { deformation, stiffness, prior, controls } =
+    let Moved { deformation, stiffness, rigidity, prior, controls } =
         input::moved(job, &mut start.mesh, &start.appearance)?;
     let size = start.size(job)?;
     let options = ShellFitOptions {
         metaball: job.metaball,
         believe_sigma: job.believe_sigma,
         stiffness,
+        // Outlines alone and rough starts have been tested with the stiffness only.
+        rigidity: rigidity.filter(|_| !job.rough_start && !job.points.is_empty()),
         prior,
         iterations: 20,
         ..match job.rough_start {
@@ -466,6 +468,7 @@ impl Run<'_> {
         let outcome =
             inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, trusts_sigma);
         done.findings.extend(outcome);
+        done.findings.extend(inspection::unfollowed(&fit));
         let ending = inspection::ending(&done);
         done.findings.extend(ending);
         if let Some(page) = &self.job.report {

@@ -393,7 +393,7 @@ fn distances(mesh: &TriangleMesh, part_of: &[Option<usize>], index: usize, blend
 }
 
 /// The rotation that is nearest to a matrix.
-fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
+pub(crate) fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = m.svd(true, true);
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
         return Matrix3::identity();

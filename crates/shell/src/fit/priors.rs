@@ -32,11 +32,14 @@ impl Priors<'_> {
         let (mut information, mut vector) = (pass.information.clone(), pass.vector.clone());
         let parameters = state.q.len();
         let mut own = information.view_mut((0, 0), (parameters, parameters));
-        own += weight * &self.smooth.stiffness;
         let mut slope = vector.rows_mut(0, parameters);
-        // Smoothness penalises the change from the start, not the shape itself: the mesh may have any
-        // curvature.
-        slope -= weight * (&self.smooth.stiffness * (&state.q - &self.start));
+        if weight > 0.0 {
+            // Smoothness penalises the change from the start, not the shape itself: the mesh may have any
+            // curvature.
+            let smooth = self.smooth.linearised(&(&state.q - &self.start));
+            own += weight * &*smooth.information;
+            slope -= weight * smooth.gradient;
+        }
         if let Some(prior) = &self.options.prior {
             own += &prior.information;
             slope -= &prior.information * (&state.q - &prior.mean);

@@ -8,11 +8,12 @@ use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
 use super::priors::Priors;
 use super::problem::State;
 use super::residual_leverage::{Signs, leverage_of_signs};
+use super::support::{PointFoot, Support, support, unfollowed};
 use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
 use planish_core::DVec3;
 use planish_estimate::{Result, Termination};
-use planish_mesh::TriangleMesh;
+use planish_mesh::{MeshSearch, TriangleMesh};
 
 /// Weight of the loss below which a reading is reported as an outlier: for Tukey's loss, a residual of 4.1 σ.
 const OUTLIER_WEIGHT: f64 = 0.05;
@@ -57,12 +58,22 @@ pub(super) fn finished(
     let data_vector = &of_data.information * &state.q + of_data.vector;
     let (information, _) = priors.add(&state, weight, &pass);
     let covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
+    let shape = ResidualCorrelation::sigma(&misfits);
     let mut pose_covariances = vec![None; state.cameras.len()];
     for (slot, (view, _)) in priors.poses.iter().enumerate() {
         let at = parameters + 6 * slot;
         pose_covariances[*view] = Some(covariance.view((at, at), (6, 6)).into_owned());
     }
     let readings = priors.readings;
+    let around = match readings.points.is_empty() {
+        true => Support::default(),
+        false => {
+            let found = TriangleMesh { positions: positions.clone(), triangles: mesh.triangles.clone() };
+            let mut feet = point_feet(equations, priors, counts);
+            feet.extend(unfollowed_feet(&found, equations, priors, factors)?);
+            support(&found, &feet, shape)?
+        }
+    };
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
     let fit_of = |source: Source, count: usize| source_fit(equations, source, count, factors, priors);
     Ok(ShellFit {
@@ -75,7 +86,10 @@ pub(super) fn finished(
         cameras: state.cameras,
         pose_covariances,
         smoothness_weight: weight,
-        unresolved_shape: ResidualCorrelation::sigma(&misfits),
+        unresolved_shape: shape,
+        unresolved_at: around.shape,
+        support: around.of_vertices,
+        unfollowed_points: around.unfollowed,
         data_vector,
         data_information: of_data.information,
         termination: Termination::Limit,
@@ -116,6 +130,40 @@ fn misfits(
         all[source.scale()] = ResidualCorrelation::from_residuals(&residuals);
     }
     all
+}
+
+/// Feet and residuals of the points that count.
+fn point_feet(
+    equations: &[Equations],
+    priors: &Priors<'_>,
+    counts: impl Fn(&Equation) -> bool,
+) -> Vec<PointFoot> {
+    (equations.iter().flat_map(Equations::iter))
+        .filter(|(e, ..)| e.source == Source::Point && counts(e))
+        .map(|(e, by_vertices, _)| {
+            let point = priors.readings.points[e.reading as usize].at;
+            PointFoot { at: foot(point, e.distance, by_vertices), residual: e.distance, follows: true }
+        })
+        .collect()
+}
+
+/// Feet of the points that the fit rejected although they agree with their neighbours.
+fn unfollowed_feet(
+    found: &TriangleMesh,
+    equations: &[Equations],
+    priors: &Priors<'_>,
+    factors: &[f64; SCALES],
+) -> Result<Vec<PointFoot>> {
+    let points = priors.readings.points;
+    let places: Vec<DVec3> = points.iter().map(|p| p.at).collect();
+    let sigmas: Vec<f64> = points.iter().map(|p| (p.covariance.trace() / 3.0).sqrt()).collect();
+    let rejected = source_fit(equations, Source::Point, points.len(), factors, priors).outliers;
+    let search = MeshSearch::try_new(found)?;
+    let feet = unfollowed(&places, &sigmas, &rejected).into_iter().filter_map(|i| {
+        let foot = search.closest(places[i as usize])?;
+        Some(PointFoot { at: foot.point, residual: foot.distance, follows: false })
+    });
+    Ok(feet.collect())
 }
 
 /// The foot point of a point on the mesh. A height is invariant under a common translation, so `∇h = −Σ

@@ -114,7 +114,8 @@ struct Motion {
 }
 
 impl<'a> ShellTracker<'a> {
-    /// A tracker before its first frame. The stiffness in the options defines smooth motions.
+    /// A tracker before its first frame. The stiffness in the options defines smooth motions; their rigidity
+    /// is not used.
     ///
     /// # Errors
     /// `Input` if the options have no stiffness, a stiffness of the wrong size, or a prior.
@@ -140,7 +141,8 @@ impl<'a> ShellTracker<'a> {
         Ok(Self {
             mesh,
             deformation,
-            options,
+            // The motion model is linear in the parameters.
+            options: ShellFitOptions { rigidity: None, ..options },
             stiffness,
             smooth,
             size: mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()),

@@ -12,6 +12,7 @@
 
 use super::dense::Factor;
 use super::equations::{Equations, SCALES, Source, cost, sum};
+use super::folds::FoldControl;
 use super::orientation::outward;
 use super::point_selection::chosen_points;
 use super::priors::Priors;
@@ -20,7 +21,7 @@ use super::readings::{PoseNoise, ShellReadings};
 use super::result::finished;
 use super::smoothness::Smoothness;
 use super::{ShellFit, ShellFitOptions, ShellProgress, undetermined};
-use crate::deformation::{Deformation, displaced_positions};
+use crate::deformation::Deformation;
 use crate::field::{Metaball, ShellOptions, subdivide_for_spheres};
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
@@ -42,21 +43,18 @@ const SCALE_GATE: f64 = 3.0;
 /// Attempts with increasing damping before an iteration gives up: eight factors of ten reduce the step to
 /// almost nothing.
 const MAX_DAMPING_TRIES: usize = 8;
-/// Factor on the smoothness weight each time the fitted mesh folds. Larger factors need fewer repetitions and
-/// overshoot more.
-const FOLD_WEIGHT_STEP: f64 = 4.0;
-/// Largest product of [`FOLD_WEIGHT_STEP`]: bounds the repetitions at four.
-const MAX_FOLD_WEIGHT: f64 = 256.0;
-/// Largest ratio of the residuals of a fit without folds to those of the fit with folds. Above it, the folds
-/// are taken to follow the data.
-const MAX_UNFOLDED_RMS_RATIO: f64 = 1.1;
-/// Extra smoothness of the first stage, as a multiple of the weight, before the first iteration.
+/// Extra smoothness of the first stage, as a multiple of the weight, before the first iteration, and the
+/// share of it that each iteration leaves.
 ///
 /// Large values keep a distant mesh in shape until the equations refer to the right part of it, and cost
 /// iterations.
-const INITIAL_STIFFENING: f64 = 100.0;
-/// Share of [`INITIAL_STIFFENING`] that each iteration leaves.
-const STIFFENING_DECAY: f64 = 0.75;
+const STIFFENING: (f64, f64) = (100.0, 0.75);
+/// [`STIFFENING`] of an energy that allows rotations: parts turn as a whole before they bend. A body whose
+/// upper half turns by 30° was off by 20 to 45 σ with the values above (`benches/peers/deformation.py`,
+/// `armadillo`, `turn-30`), by less than 3 σ with these.
+const STIFFENING_OF_RIGID: (f64, f64) = (1000.0, 0.8);
+/// Iterations of the first stage in addition to those of the options, until that stiffening has decayed.
+const STIFFENING_ITERATIONS: usize = 20;
 /// Largest move of a control in one step, as a share of the mesh size. The equations are linear only near the
 /// current mesh.
 const MAX_MOVE: f64 = 0.03;
@@ -96,7 +94,7 @@ pub(super) fn solve(
     for step in 0..options.steps - 1 {
         run_stage(&setup, &mut search, step, 1.0, watch)?;
     }
-    let mut folds = FoldControl { factor: 1.0, likelihood_weight: None, folded: None };
+    let mut folds = FoldControl::default();
     let (equations, weight) = loop {
         let (equations, weight) = run_stage(&setup, &mut search, options.steps - 1, folds.factor, watch)?;
         if !folds.needs_more_smoothness(&setup, &search, &equations, weight)? {
@@ -170,11 +168,11 @@ fn uncertain_poses(readings: &ShellReadings<'_>) -> (Vec<Option<u32>>, Vec<(usiz
 type Subdivision = (TriangleMesh, Vec<[(u32, f64); 3]>);
 
 /// What stays the same in all stages of a fit.
-struct Setup<'a> {
-    mesh: TriangleMesh,
-    deformation: &'a dyn Deformation,
-    readings: &'a ShellReadings<'a>,
-    options: &'a ShellFitOptions,
+pub(super) struct Setup<'a> {
+    pub(super) mesh: TriangleMesh,
+    pub(super) deformation: &'a dyn Deformation,
+    pub(super) readings: &'a ShellReadings<'a>,
+    pub(super) options: &'a ShellFitOptions,
     /// For each view the index of its pose in the state, if the pose is uncertain.
     slots: Vec<Option<u32>>,
     /// Whether the facets are oriented consistently.
@@ -254,11 +252,11 @@ impl<'a> Setup<'a> {
 }
 
 /// What changes from one iteration to the next, over all stages.
-struct Search<'a> {
-    priors: Priors<'a>,
-    state: State,
+pub(super) struct Search<'a> {
+    pub(super) priors: Priors<'a>,
+    pub(super) state: State,
     /// Factors of σ by kind of reading.
-    factors: [f64; SCALES],
+    pub(super) factors: [f64; SCALES],
     /// Number of readings that the unknowns use up.
     redundancy_used: f64,
     /// Iterations of all stages.
@@ -279,7 +277,7 @@ impl<'a> Search<'a> {
             (None, Some(prior)) => prior.mean.clone(),
             (None, None) => DVector::zeros(parameters),
         };
-        let smooth = Smoothness::new(stiffness, options.start_sigma)?;
+        let smooth = Smoothness::new(stiffness, options.rigidity.clone(), options.start_sigma)?;
         let cameras = readings.views.iter().map(|view| view.camera).collect();
         Ok(Self {
             state: State { q: start.clone(), cameras },
@@ -311,13 +309,26 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// Extra smoothness in the current iteration of a stage.
+    ///
+    /// A distant mesh approaches almost rigidly at first: the facets that attract it are not yet the ones
+    /// that correspond to the readings.
+    fn stiffening(&self, step: usize) -> f64 {
+        if step > 0 || self.priors.options.start_sigma.is_some() {
+            return 0.0;
+        }
+        let (first, decay) =
+            if self.priors.smooth.allows_rotations() { STIFFENING_OF_RIGID } else { STIFFENING };
+        first * decay.powi(self.iterations as i32)
+    }
+
     /// Sums the equations, the smoothness and the priors at the current state.
     fn normal_equations(
         &mut self,
         setup: &Setup<'_>,
         equations: &[Equations],
         weight_factor: f64,
-        first_stage: bool,
+        stiffening: f64,
     ) -> Result<NormalEquations> {
         let options = setup.options;
         let poses = self.priors.poses.len();
@@ -329,12 +340,7 @@ impl<'a> Search<'a> {
         let alone = self.priors.without_poses(&self.state, &pass)?;
         let displacement = &self.state.q - &self.priors.start;
         let mut weight = self.priors.smooth.weight(&alone.information, &alone.vector, &displacement)?;
-        weight *= weight_factor;
-        if first_stage && options.start_sigma.is_none() {
-            // A distant mesh approaches almost rigidly at first: the facets that attract it are not yet the
-            // ones that correspond to the readings.
-            weight *= 1.0 + INITIAL_STIFFENING * STIFFENING_DECAY.powi(self.iterations as i32);
-        }
+        weight *= weight_factor * (1.0 + stiffening);
         let (information, vector) = self.priors.add(&self.state, weight, &pass);
         let cost = cost(equations, &options.loss, &self.factors) + self.priors.cost(&self.state, weight);
         Ok(NormalEquations { information, vector, of_readings: pass.information, weight, cost })
@@ -417,16 +423,21 @@ fn run_stage(
     let mut equations = problem.equations(&search.state, weighing)?;
     let mut damping = Damping { value: 1e-3, last_length: f64::INFINITY };
     let mut weight = 0.0;
-    for k in 0..options.iterations {
+    let mut iterations = options.iterations;
+    if search.stiffening(step) > STIFFENING.0 {
+        iterations += STIFFENING_ITERATIONS;
+    }
+    for k in 0..iterations {
         watch(ShellProgress {
-            share: (step as f64 + k as f64 / options.iterations as f64) / options.steps as f64,
+            share: (step as f64 + k as f64 / iterations as f64) / options.steps as f64,
             iteration: search.iterations,
             rms_points: rms_of_points(&equations),
         })?;
+        let stiffening = search.stiffening(step);
         search.iterations += 1;
         search.update_factors(&equations)?;
         search.complete_derivatives(&problem, &mut equations)?;
-        let system = search.normal_equations(setup, &equations, weight_factor, step == 0)?;
+        let system = search.normal_equations(setup, &equations, weight_factor, stiffening)?;
         weight = system.weight;
         let accepted = search.take_step(setup, &problem, &system, &mut damping)?;
         // From the state before the step. One step later it hardly differs, and no second factorisation is
@@ -437,7 +448,8 @@ fn run_stage(
             break;
         };
         equations = next;
-        if converged {
+        // A stiff mesh that rests still moves when the stiffness decays.
+        if converged && (stiffening < 1.0 || !search.priors.smooth.allows_rotations()) {
             search.termination = Termination::Converged;
             break;
         }
@@ -448,71 +460,6 @@ fn run_stage(
         search.complete_derivatives(&problem, &mut equations)?;
     }
     Ok((equations, weight))
-}
-
-/// Raises the smoothness of the last stage until the mesh does not fold.
-///
-/// Where the controls cannot follow the shape, folds make up for it; more smoothness removes them if that
-/// costs little. Folds that the residuals require are kept. Fits to outlines alone are left as they are,
-/// because folds are not their main fault.
-struct FoldControl {
-    /// Extra factor on the smoothness weight.
-    factor: f64,
-    /// The smoothness weight by likelihood. The covariance uses this one: the extra factor adds no
-    /// information.
-    likelihood_weight: Option<f64>,
-    /// The fit with folds and its normalised rms, returned if removing the folds costs too much.
-    folded: Option<(ShellFit, f64)>,
-}
-
-impl FoldControl {
-    /// Whether the stage must be repeated with the raised factor.
-    fn needs_more_smoothness(
-        &mut self,
-        setup: &Setup<'_>,
-        search: &Search<'_>,
-        equations: &[Equations],
-        weight: f64,
-    ) -> Result<bool> {
-        let may_raise = weight > 0.0 && setup.options.prior.is_none() && self.factor < MAX_FOLD_WEIGHT;
-        if !may_raise || setup.readings.points.is_empty() {
-            return Ok(false);
-        }
-        let (mesh, deformation) = (&setup.mesh, setup.deformation);
-        let moved = displaced_positions(&mesh.positions, deformation, &search.state.q);
-        let folds = mesh.distortion(&moved).folds > 0;
-        let rms = rms_normalized(equations);
-        let fits_as_well =
-            self.folded.as_ref().is_none_or(|(_, before)| rms < MAX_UNFOLDED_RMS_RATIO * before);
-        if !fits_as_well {
-            return Ok(false);
-        }
-        if !folds {
-            self.folded = None;
-            return Ok(false);
-        }
-        if self.folded.is_none() {
-            let (priors, state) = (&search.priors, search.state.clone());
-            let made = finished(mesh, deformation, priors, state, equations, &search.factors, weight)?;
-            if made.unresolved_shape > 0.0 {
-                self.likelihood_weight = Some(weight);
-                self.folded = Some((made, rms));
-            }
-        }
-        if self.folded.is_some() {
-            self.factor *= FOLD_WEIGHT_STEP;
-        }
-        Ok(self.folded.is_some())
-    }
-}
-
-/// Root mean square of residuals divided by their stated σ, over the likely equations of readings.
-fn rms_normalized(equations: &[Equations]) -> f64 {
-    let of_readings = (equations.iter().flat_map(|some| &some.list))
-        .filter(|e| e.source != Source::Region && e.is_likely());
-    let (squares, count) =
-        of_readings.fold((0.0, 0_usize), |(sum, n), e| (sum + e.normalized().powi(2), n + 1));
-    (squares / count.max(1) as f64).sqrt()
 }
 
 /// Root mean square distance of the points that have an equation.

@@ -117,7 +117,7 @@ pub struct ShellFitReport {
     pub poses: Vec<CameraPoseReport>,
     /// σ of the vertices that were measured, along normals.
     pub sigma: SigmaSummary,
-    /// Fraction of vertices whose information comes mostly from readings.
+    /// Fraction of vertices that are near points, or of which outlines give most of the information.
     pub observed_fraction: f64,
     /// The weight of smoothness, by marginal likelihood.
     pub smoothness_weight: f64,

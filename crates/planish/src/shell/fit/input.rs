@@ -15,8 +15,8 @@ use planish_report::numbers::counted;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
     Deformation, Dirichlet, FeatureObservation, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind,
-    OutlinePoint, ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts, ShellReadings, ShellView,
-    VertexDisplacements, automatic_controls, nearest_pairs, stiffness, stiffness_for_xyz,
+    OutlinePoint, ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts, Rigidity, ShellReadings,
+    ShellView, VertexDisplacements, automatic_controls, nearest_pairs, stiffness, stiffness_for_xyz,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -35,6 +35,7 @@ const MAX_VERTICES: usize = 600;
 pub(super) struct Moved {
     pub deformation: Box<dyn Deformation>,
     pub stiffness: Option<DMatrix<f64>>,
+    pub rigidity: Option<Rigidity>,
     pub prior: Option<ParameterPrior>,
     pub controls: usize,
 }
@@ -244,21 +245,26 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
              one",
         ));
     }
-    let free = |deformation: Box<dyn Deformation>, k: DMatrix<f64>, controls: usize| Moved {
-        deformation,
-        stiffness: Some(stiffness_for_xyz(&k)),
-        prior: None,
-        controls,
-    };
+    let free =
+        |deformation: Box<dyn Deformation>, rest: &[DVec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]| {
+            let k = stiffness(rest, triangles, edges);
+            Ok::<_, Error>(Moved {
+                deformation,
+                rigidity: Some(Rigidity::new(rest, edges, &k)?),
+                stiffness: Some(stiffness_for_xyz(&k)),
+                prior: None,
+                controls: rest.len(),
+            })
+        };
     Ok(match (job.deformation, given) {
         (DeformationKind::Dirichlet, Some(points)) => {
-            let k = stiffness(&points, &[], &nearest_pairs(&points, NEIGHBOURS));
-            free(Box::new(Dirichlet::new(&points, &mesh.positions)?), k, points.len())
+            let dirichlet = Box::new(Dirichlet::new(&points, &mesh.positions)?);
+            free(dirichlet, &points, &[], &nearest_pairs(&points, NEIGHBOURS))?
         }
         (DeformationKind::Dirichlet, None) => {
             let made = automatic_controls(&deformable_part(mesh, parts), job.controls)?;
-            let k = stiffness(&made.points, &made.triangles, &made.edges);
-            free(Box::new(Dirichlet::new(&made.points, &mesh.positions)?), k, made.points.len())
+            let dirichlet = Box::new(Dirichlet::new(&made.points, &mesh.positions)?);
+            free(dirichlet, &made.points, &made.triangles, &made.edges)?
         }
         (DeformationKind::Lattice, _) => {
             // The number of controls is that of the whole lattice, so its cube root is that of one edge.
@@ -269,8 +275,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             // The lattice encloses the triangles only. Unused vertices may be far away.
             let made = Lattice::new(&within_surface(mesh), [along; 3], basis)?;
             let points = made.controls().unwrap_or_default().to_vec();
-            let k = stiffness(&points, &[], &nearest_pairs(&points, NEIGHBOURS));
-            free(Box::new(made), k, points.len())
+            free(Box::new(made), &points, &[], &nearest_pairs(&points, NEIGHBOURS))?
         }
         (DeformationKind::Vertices, _) => {
             let count = mesh.positions.len();
@@ -281,8 +286,8 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
                     job.mesh.display()
                 )));
             }
-            let k = stiffness(&mesh.positions, &mesh.triangles, &[]);
-            free(Box::new(VertexDisplacements::new(&mesh.positions)), k, count)
+            let vertices = Box::new(VertexDisplacements::new(&mesh.positions));
+            free(vertices, &mesh.positions, &mesh.triangles, &[])?
         }
         (DeformationKind::Modes, _) => {
             let mut family = Vec::new();
@@ -305,7 +310,13 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             // Modes are as long as one standard deviation of the family.
             let prior =
                 ParameterPrior { mean: DVector::zeros(count), information: DMatrix::identity(count, count) };
-            Moved { deformation: Box::new(modes), stiffness: None, prior: Some(prior), controls: count }
+            Moved {
+                deformation: Box::new(modes),
+                stiffness: None,
+                rigidity: None,
+                prior: Some(prior),
+                controls: count,
+            }
         }
     })
 }

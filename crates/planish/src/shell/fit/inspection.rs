@@ -11,7 +11,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, quantile_of_sorted};
 use planish_report::numbers::{counted, percent, significant};
-use planish_shell::intersection_over_union;
+use planish_shell::{ShellFit, intersection_over_union};
 use rayon::prelude::*;
 
 /// Maximum size of the points relative to the mesh. Larger points probably have another unit.
@@ -29,6 +29,9 @@ const TRIMMED_ONE_IN: usize = 10;
 /// Factors between the estimated and the stated σ that are not reported. A σ that is too small biases the
 /// fusion, so the upper limit is narrower.
 pub(super) const ACCEPTED_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
+/// Minimum share of points off the mesh that agree with their neighbours, above which they are reported: a
+/// few gross errors do by chance.
+const MIN_UNFOLLOWED_SHARE: f64 = 0.01;
 /// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;
 /// Minimum overlap with a mask before the fit. A smaller one means another view, unit or frame.
@@ -215,6 +218,21 @@ pub(super) fn outcome(
         findings.push(Finding::new(FindingCode::MeshStretched, text));
     }
     findings
+}
+
+/// A finding if the mesh does not follow surface that points show.
+pub(super) fn unfollowed(fit: &ShellFit) -> Option<Finding> {
+    let (count, all) = (fit.unfollowed_points, fit.points.outliers.len());
+    if (count as f64) < MIN_UNFOLLOWED_SHARE * all as f64 {
+        return None;
+    }
+    let text = format!(
+        "{count} of {all} points ({}) agree with their neighbours but not with the mesh: it does not follow \
+         the object there (`observed` is 3), or ended at a wrong position; parts that turn far need a nearer \
+         start, small shapes more controls",
+        percent(count as f64 / all.max(1) as f64)
+    );
+    Some(Finding::new(FindingCode::SurfaceNotFollowing, text))
 }
 
 /// A finding if the residuals contradict the stated σ.

@@ -160,7 +160,8 @@ fn input_section(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
             Block::Table(table),
             Block::Text(format!(
                 "Weight of smoothness: {}, chosen by marginal likelihood. A vertex counts as measured if \
-                 more than half of its information comes from the readings.",
+                 points are near it on its side of the surface, or if outlines give more than half of its \
+                 information.",
                 significant(report.smoothness_weight, 3)
             )),
         ],

@@ -4,11 +4,15 @@ use super::input::Frame;
 use super::{CameraPoseReport, MIN_DATA_SHARE};
 use planish_core::DVec3;
 use planish_mesh::TriangleMesh;
-use planish_shell::{Deformation, ShellFit, parameter_row};
+use planish_shell::{Deformation, ShellFit, VertexSupport, parameter_row};
 use rayon::prelude::*;
 
-/// Normals of vertices, σ along them, and whether readings determine them more than the prior. σ includes the
-/// model error and the σ of the start (`start_sigma`, one value per vertex or empty).
+/// `observed` of vertices that were measured but are not followed by the mesh.
+const NOT_FOLLOWED: u8 = 3;
+
+/// Normals of vertices, σ along them, and `observed`: 1 if points are near on this side of the sheet, or if,
+/// from outlines, readings determine the vertex more than the prior. σ includes unresolved shape and the σ of
+/// the start (`start_sigma`, one value per vertex or empty).
 pub(super) fn known(
     mesh: &TriangleMesh,
     made: &ShellFit,
@@ -28,8 +32,16 @@ pub(super) fn known(
             let variance = row.dot(&(&made.covariance * &row)).max(0.0);
             let share = row.dot(&(&by_data * &row)) / variance;
             let start = start_sigma.get(v).copied().unwrap_or(0.0);
-            let lacking = made.unresolved_shape * made.unresolved_shape + start * start;
-            ((variance + lacking).sqrt(), u8::from(share > MIN_DATA_SHARE))
+            let lacking = made.unresolved_at(v as u32).powi(2) + start * start;
+            // Outlines touch the surface along lines, so their support is a share of the information.
+            let by_outlines = !made.outlines.outliers.is_empty() && share > MIN_DATA_SHARE;
+            let observed = match made.support.get(v) {
+                Some(VertexSupport::NotFollowed) => NOT_FOLLOWED,
+                Some(VertexSupport::None) => u8::from(by_outlines),
+                Some(VertexSupport::Points) => 1,
+                None => u8::from(share > MIN_DATA_SHARE),
+            };
+            ((variance + lacking).sqrt(), observed)
         })
         .unzip();
     (normals, sigma, observed)
