@@ -93,7 +93,7 @@ fn rough_variances(posterior: &Posterior<'_>) -> Result<Vec<f64>> {
 }
 
 /// Mean of `κ1² + κ2²` at four places of a leaf.
-fn energy_density(surface: &Surface, leaf: usize) -> f64 {
+pub(super) fn energy_density(surface: &Surface, leaf: usize) -> f64 {
     let at = |s: f64, t: f64| {
         surface
             .leaf_jet(leaf, s, t)

@@ -13,16 +13,23 @@
 //! has removed from the residuals. Products of one reading with itself do not occur, so the noise of the
 //! readings need not be known. `m²` is reported if it is significant.
 //!
+//! Shape that is too weak for a leaf and its neighbours is estimated from all leaves, as a function of their
+//! bending ([`super::misfit_by_bending`]).
+//!
 //! Not guaranteed: correlated errors of neighbouring readings (a scan's own bias, stereo near silhouettes)
 //! cannot be separated from shape, and count as such.
 
-use super::leaves::neighbourhood;
+use super::leaves::{is_piece, leaf_areas, neighbourhood, with_neighbours};
 use super::misfit::{BINS, MAX_GROSS};
+use super::misfit_by_bending::MisfitByBending;
 use super::noise::SensorNoise;
+use super::pair_sums::{LagSums, PairSums, pairs_by_distance, pairs_in_bins};
+use super::rough_places::energy_density;
 use crate::model::Posterior;
 use crate::observe::Quantity;
 use crate::observe::{Foot, FootChannels, FootState, by_leaf};
-use planish_estimate::{Result, chi_square_deviation};
+use planish_estimate::Result;
+use planish_spline::Surface;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -31,6 +38,8 @@ use serde::Serialize;
 /// small. See decision 0008.
 const SIGNIFICANT_ALONE: f64 = 4.0;
 const SIGNIFICANT_TOGETHER: f64 = 3.0;
+/// Readings of which pairs are looked at by their distance, about. More would only take longer.
+const READINGS_BY_DISTANCE: usize = 100_000;
 
 /// Shape smaller than the cells.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -50,38 +59,6 @@ impl UnresolvedShape {
             rms: (unresolved().map(|(square, area)| square * area).sum::<f64>() / area).sqrt(),
             area_fraction: area / areas.iter().sum::<f64>(),
         })
-    }
-}
-
-/// The sums of a leaf.
-#[derive(Clone, Copy, Default)]
-struct Shared {
-    /// `Σ_b ((Σ w h)² − Σ (w h)²)/Σ w`.
-    shape: f64,
-    /// `Σ_b (Σ w − Σ w²/Σ w)`.
-    precision: f64,
-    /// Variance of `shape` under noise: `2 Σ_b (1 − 1/n_b)` for bins of `n_b` readings.
-    spread: f64,
-    /// Variance of the surface at the readings, times `precision`.
-    of_surface: f64,
-}
-
-impl Shared {
-    fn add(&mut self, other: &Self) {
-        self.shape += other.shape;
-        self.precision += other.precision;
-        self.spread += other.spread;
-        self.of_surface += other.of_surface;
-    }
-
-    /// `m²`, if it is significant.
-    ///
-    /// With `ν = spread/2` degrees of freedom, `shape + ν` is χ² under noise.
-    fn mean_square(&self, significant: f64) -> Option<f64> {
-        let shape = self.shape + self.of_surface;
-        let degrees = 0.5 * self.spread;
-        let deviation = chi_square_deviation(shape / degrees + 1.0, degrees);
-        (self.spread > 0.0 && deviation > significant).then(|| shape / self.precision)
     }
 }
 
@@ -106,7 +83,11 @@ pub(super) fn unresolved_shape(
     let surface = posterior.surface();
     let leaves = surface.space().leaves().len();
     let (start, order) = by_leaf(feet, leaves);
-    let of_leaf = |leaf: usize| -> Result<Shared> {
+    // A sample of the leaves shows what all have in common.
+    let step = (feet.len() / READINGS_BY_DISTANCE).max(1);
+    let areas = leaf_areas(surface);
+    // Pairs in bins, and by their distance.
+    let of_leaf = |leaf: usize| -> Result<(PairSums, LagSums)> {
         let near = || {
             let own = order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize);
             // Gross errors near each other would count as shape.
@@ -123,66 +104,79 @@ pub(super) fn unresolved_shape(
         }
         // Many readings beyond the gate are shape that the gate mistook for gross errors.
         let is_shape = outside as f64 > MAX_GROSS * (inside + outside) as f64;
-        let side = bins_per_side(if is_shape { inside + outside } else { inside });
-        let bin = |local: [f64; 2]| {
-            let [i, j] = local.map(|x| ((x * side as f64) as usize).min(side - 1));
-            j * BINS + i
+        let count = if is_shape { inside + outside } else { inside };
+        if count < 2 {
+            return Ok(Default::default());
+        }
+        let covariance = posterior.leaf(leaf)?;
+        let readings: Vec<(&Foot, f64)> = near()
+            .filter(|&k| is_shape || information[k] > 0.0)
+            .map(|k| (&feet[k], 1.0 / (noise.variance_factors[channels.channel(k)] * feet[k].variance)))
+            .collect();
+        let in_bins = pairs_in_bins(&readings, bins_per_side(count), &covariance);
+        let by_distance = if leaf.is_multiple_of(step) {
+            let spacing = (areas[leaf] / count as f64).sqrt();
+            pairs_by_distance(&readings, surface, spacing, &covariance)
+        } else {
+            LagSums::default()
         };
-        // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
-        let mut bins = [[0.0; 5]; BINS * BINS];
-        let (mut all, mut middle) = (0.0, [0.0; 2]);
-        for k in near().filter(|&k| is_shape || information[k] > 0.0) {
-            let foot = &feet[k];
-            let w = 1.0 / (noise.variance_factors[channels.channel(k)] * foot.variance);
-            let pull = w * foot.height();
-            all += w;
-            middle = [0, 1].map(|d| middle[d] + w * foot.local[d]);
-            for (sum, term) in bins[bin(foot.local)].iter_mut().zip([pull, pull * pull, w, w * w, 1.0]) {
-                *sum += term;
-            }
-        }
-        let mut shared = Shared::default();
-        for [sum, squares, precision, squared, count] in bins.into_iter().filter(|bin| bin[4] > 1.0) {
-            shared.add(&Shared {
-                shape: (sum * sum - squares) / precision,
-                precision: precision - squared / precision,
-                spread: 2.0 * (1.0 - 1.0 / count),
-                of_surface: 0.0,
-            });
-        }
-        if shared.precision > 0.0 {
-            // Readings may lie in one corner of a leaf, so the variance is taken at their centre.
-            let variance = posterior.variance_in(leaf, middle.map(|x| x / all))?;
-            shared.of_surface = variance.max(0.0) * shared.precision;
-        }
-        Ok(shared)
+        Ok((in_bins, by_distance))
     };
     // The sums of a leaf enter up to nine neighbourhoods, so they are made once.
-    let sums: Vec<Shared> =
+    let sums: Vec<(PairSums, LagSums)> =
         (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect::<Result<_>>()?;
     let local: Vec<Option<f64>> = (0..leaves)
         .into_par_iter()
         .with_min_len(64)
         .map(|leaf| {
-            let mut together = Shared::default();
+            let mut together = PairSums::default();
             for other in neighbourhood(surface.space(), leaf) {
-                together.add(&sums[other]);
+                together.add(&sums[other].0);
             }
             // The leaf alone comes first: the mean over its neighbours would make strong local shape too
             // small.
-            (sums[leaf].mean_square(SIGNIFICANT_ALONE)).or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
+            (sums[leaf].0.significant(SIGNIFICANT_ALONE))
+                .or_else(|| together.significant(SIGNIFICANT_TOGETHER))
         })
         .collect();
     // Shape below the significance of a neighbourhood, but common to the whole surface, as of a curve that
-    // all cells are too large for. With a hundred readings a leaf it can exceed σ of the surface (decision
-    // 0096).
-    let mut rest = Shared::default();
-    for (own, _) in sums.iter().zip(&local).filter(|(_, found)| found.is_none()) {
-        rest.add(own);
-    }
-    let everywhere = rest.mean_square(SIGNIFICANT_TOGETHER).unwrap_or(0.0);
-    // A leaf without readings shows no shape; its σ is that of the prior.
-    Ok((local.into_iter().zip(&sums))
-        .map(|(found, own)| found.unwrap_or(if own.precision > 0.0 { everywhere } else { 0.0 }))
+    // all cells are too large for. With a hundred readings a leaf it can exceed σ of the surface (decisions
+    // 0096 and 0130).
+    let bending = bending_of_leaves(surface, &areas);
+    let rest = || (0..leaves).filter(|&leaf| local[leaf].is_none());
+    let mut all = PairSums::default();
+    rest().for_each(|leaf| all.add(&sums[leaf].0));
+    // Bins have less noise than lines by distance, but miss shape as fine as the spacing of the readings.
+    let everywhere = MisfitByBending::new(
+        rest().map(|leaf| (bending[leaf], sums[leaf].1)),
+        all.is_significant(SIGNIFICANT_TOGETHER),
+        SIGNIFICANT_TOGETHER,
+    );
+    let is_measured: Vec<bool> = (0..leaves).map(|leaf| start[leaf] < start[leaf + 1]).collect();
+    // Leaves far from readings show no shape; their σ is that of the prior.
+    let is_near = with_neighbours(surface.space(), &is_measured);
+    Ok((0..leaves)
+        .map(|leaf| {
+            let common = everywhere.as_ref().filter(|_| is_near[leaf]).map_or(0.0, |by| by.at(bending[leaf]));
+            local[leaf].map_or(common, |own| own.max(common))
+        })
         .collect())
+}
+
+/// For each leaf the bending of its cell, `∫ κ1² + κ2² dA`, by the mean density of its neighbourhood.
+fn bending_of_leaves(surface: &Surface, areas: &[f64]) -> Vec<f64> {
+    let space = surface.space();
+    let density: Vec<f64> =
+        (0..areas.len()).into_par_iter().with_min_len(64).map(|leaf| energy_density(surface, leaf)).collect();
+    (0..areas.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|leaf| {
+            let (energy, area) = (neighbourhood(space, leaf).into_iter())
+                .fold((0.0, 0.0), |(energy, area), k| (energy + areas[k] * density[k], area + areas[k]));
+            // A cell at an extraordinary vertex has sixteen pieces.
+            let of_cell = if is_piece(space, leaf) { 16.0 * areas[leaf] } else { areas[leaf] };
+            if area > 0.0 { energy / area * of_cell } else { 0.0 }
+        })
+        .collect()
 }
