@@ -86,7 +86,11 @@ def load(path, subdivisions=0):
         # Open3D warns that it drops texture coordinates, which no scan measures.
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             mesh = mesh.subdivide_loop(subdivisions)
-    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    return centred(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+
+
+def centred(vertices, triangles):
+    """A closed mesh, centred and scaled to SIZE, with outward normals."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     vertices = (vertices - (low + high) / 2) * (SIZE / (high - low).max())
     a, b, c = vertices[triangles].transpose(1, 0, 2)

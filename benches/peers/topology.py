@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares `planish fit` with Poisson reconstruction on closed objects with and without handles.
 
-    python3 -m venv venv && venv/bin/pip install numpy scipy open3d pymeshlab
+    python3 -m venv venv && venv/bin/pip install numpy scipy open3d pymeshlab manifold3d
     apt install libusb-1.0-0 libgl1 libgomp1      # for open3d on Debian
     cargo build --release
     venv/bin/python benches/peers/topology.py [--objects spot,eight] [--seed 0] [--data FOLDER]
@@ -10,7 +10,7 @@ Objects. Each mesh of the data folder is scaled to 100 mm, and its surface is th
 scanners at `--scans` viewpoints around it take about `--readings` readings, each with an isotropic error
 of σ = `--sigma`. A share of `--outliers` is wrong: half lies in a shell around the object, half is
 displaced along its ray by up to 20 mm. Normals are estimated from the neighbours in the same scan. The
-scans state σ. `bunny` is the ten real scans of Stanford, which have neither a ground truth nor a σ.
+scans state σ. `--objects parts` are machined parts with random dimensions (see `sharp_parts.py`). `bunny` is the ten real scans of Stanford, which have neither a ground truth nor a σ.
 
 Programs. All get the same readings and normals. Planish also gets σ and the viewpoints; it estimates the
 normals of the bunny itself. Open3D removes outliers before Poisson reconstruction (see `mesh_worker.py`).
@@ -27,7 +27,9 @@ Columns:
 - readings: rms distance from the result of the readings that are no outliers, in σ; for the bunny in mm,
   without the farthest thousandth
 - 95 %: share of the area marked as measured (`observed` = 1) where the truth lies within 1.96 σ along the
-  normal; the same of the remaining area; the share of the area that is marked as measured
+  normal, or in any direction near edges; the same of the remaining area; the share of the area that is marked as measured
+- edges: the same of the area within 2 mm of edges of more than 30° of the truth: measured / share of it that
+  is marked as measured; rms error of that area in mm
 - wrong: share of the whole area that is marked as measured although the truth is farther than 5 σ away, in
   %; 99.9 % quantile of the errors along the normal of the area marked as measured, in mm
 - size: control vertices of Planish, with the number of extraordinary ones; vertices of meshes
@@ -56,6 +58,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import scanning
+import sharp_parts
 import surface as bunny_scans
 from peak_memory import measured
 
@@ -81,6 +84,7 @@ MESHES = {  # Files below `meshes/`.
 }
 MECHANICAL = ["fandisk", "anchor", "coupling", "spool", "rotor"]
 STANDARD = ["bunny"] + [name for name in MESHES if name not in MECHANICAL]
+KNOWN = ["bunny", *MESHES, *sharp_parts.PARTS]
 COLUMNS = [
     "object (genus)",
     "program",
@@ -89,12 +93,15 @@ COLUMNS = [
     "truth: rms / median; result: rms / median",
     "readings",
     "95 %: measured / rest / measured area",
+    "edges: 95 % / measured area; rms",
     "wrong / worst",
     "size",
     "s",
     "MB",
 ]
 SAMPLES = 100_000  # On each surface, for distances.
+SHARP = 30.0  # Edges of a larger angle are sharp, in degrees.
+NEAR_EDGE = 2.0  # In mm.
 SIGHT = 3.0  # The truth is seen if a reading is within this many mean spacings of all readings.
 
 
@@ -128,6 +135,19 @@ def read_mesh(path):
     return scanning.Surface(points, triangles.astype(np.int64)), vertices
 
 
+def points_on_edges(surface):
+    """Points on the sharp edges of a closed mesh, at most a quarter of NEAR_EDGE apart."""
+    directed = surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    order = np.lexsort(np.sort(directed, axis=1).T)
+    first, second = order[::2], order[1::2]
+    turn = np.einsum("ij,ij->i", surface.normals[first // 3], surface.normals[second // 3])
+    a, b = surface.vertices[directed[first[turn < np.cos(np.radians(SHARP))]]].transpose(1, 0, 2)
+    counts = np.ceil(4 * np.linalg.norm(b - a, axis=1) / NEAR_EDGE).astype(int) + 1
+    share = np.concatenate([np.linspace(0, 1, n) for n in counts]) if len(counts) else np.zeros(0)
+    start = np.repeat(a, counts, axis=0)
+    return start + share[:, None] * (np.repeat(b, counts, axis=0) - start)
+
+
 class Truth:
     """The surface of an object and where the scans see it."""
 
@@ -136,6 +156,8 @@ class Truth:
         self.hits = np.concatenate([s.hits[~s.outlier] for s in scans])
         self.normals = np.concatenate([s.hit_normals[~s.outlier] for s in scans])
         self.tree = cKDTree(self.hits)
+        edges = points_on_edges(surface)
+        self.edges = cKDTree(edges) if len(edges) else None
         self.reach = SIGHT * np.sqrt(surface.areas.sum() / len(self.hits))
 
     def seen(self, points, normals):
@@ -144,6 +166,12 @@ class Truth:
         found = np.isfinite(distance)
         sides = np.einsum("nki,ni->nk", self.normals[np.where(found, near, 0)], normals)
         return (found & (sides > 0.5)).any(axis=1)
+
+    def near_edges(self, points):
+        """Whether a sharp edge is near each point."""
+        if self.edges is None:
+            return np.zeros(len(points), dtype=bool)
+        return np.isfinite(self.edges.query(points, distance_upper_bound=NEAR_EDGE)[0])
 
     def along_normals(self, points, normals):
         """Distances to the surface along the normals, in either direction; infinite if there is none."""
@@ -179,8 +207,11 @@ def coverage(result, vertices, truth):
     """How σ predicts the errors at the vertices of Planish, each weighted by its part of the area."""
     normals = np.stack([vertices["n" + c] for c in "xyz"], axis=1).astype(float)
     areas = np.bincount(result.triangles.ravel(), np.repeat(result.areas / 3, 3), len(vertices))
-    errors = truth.along_normals(result.vertices, normals)
-    wrong = truth.surface.distances(result.vertices) > 5 * vertices["sigma"]
+    errors, distances = truth.along_normals(result.vertices, normals), truth.surface.distances(result.vertices)
+    # Normals on an edge, or rounded ones near it, may miss the truth.
+    beside = truth.near_edges(result.vertices)
+    errors[beside] = distances[beside]
+    wrong = distances > 5 * vertices["sigma"]
     within, measured_part = errors <= 1.96 * vertices["sigma"], vertices["observed"] == 1
     order = np.argsort(errors[measured_part])
     places = np.cumsum(areas[measured_part][order])
@@ -189,6 +220,10 @@ def coverage(result, vertices, truth):
         "covered": shares(within[measured_part], areas[measured_part]),
         "covered_rest": shares(within[~measured_part], areas[~measured_part]),
         "measured_area": shares(measured_part, areas),
+        "covered_edges": shares(within[measured_part & beside], areas[measured_part & beside]),
+        "covered_away": shares(within[measured_part & ~beside], areas[measured_part & ~beside]),
+        "measured_edges": shares(measured_part[beside], areas[beside]),
+        "edges_rms": rms(distances[measured_part & beside]),
         "wrong": shares(measured_part & wrong, areas),
         "worst": None if worst is None else float(worst),
         "median_sigma": float(np.median(vertices["sigma"][measured_part])) if measured_part.any() else None,
@@ -281,7 +316,7 @@ def printed(name, row):
     method = row["method"]
     if "refusal" in row:
         cost = f"{figure(row['seconds'], 1)} | {figure(row['megabytes'], 0)}"
-        return f"| {name} | {method} | refused, exit code {row['exit']} |{' |' * 6} {cost} |"
+        return f"| {name} | {method} | refused, exit code {row['exit']} |{' |' * 7} {cost} |"
     genus = str(row["genus"]) if row["closed"] else "open"
     if row["bodies"] != 1:
         genus += f" in {row['bodies']}"
@@ -294,6 +329,10 @@ def printed(name, row):
     covered = "–"
     if "covered" in row:
         covered = " / ".join(figure(row[key], 1, 100) for key in ("covered", "covered_rest", "measured_area"))
+    edges = "–"
+    if row.get("edges_rms") is not None:
+        edges = " / ".join(figure(row[key], 1, 100) for key in ("covered_edges", "measured_edges"))
+        edges += f"; {figure(row['edges_rms'])}"
     wrong = "–" if "wrong" not in row else f"{figure(row['wrong'], 3, 100)} / {figure(row['worst'])}"
     size = str(row["vertices"])
     if method == "planish":
@@ -301,7 +340,7 @@ def printed(name, row):
     folded = "–" if row["folded"] is None else row["folded"]
     return (
         f"| {name} | {method} | {genus} | {folded} | {truth} | {row['readings_rms']:.3f} | {covered} "
-        f"| {wrong} | {size} | {row['seconds']:.1f} | {row['megabytes']:.0f} |"
+        f"| {edges} | {wrong} | {size} | {row['seconds']:.1f} | {row['megabytes']:.0f} |"
     )
 
 
@@ -323,7 +362,10 @@ def rows_of(name, chosen, folder):
         job, points, normals = real_bunny(chosen)
         readings, sigma, truth, unit, scale = points, None, None, "m", 1e3
     else:
-        surface = scanning.load(os.path.join(chosen.data, "meshes", MESHES[name]), chosen.subdivide)
+        if name in sharp_parts.PARTS:
+            surface = scanning.centred(*sharp_parts.part(name, chosen.seed))
+        else:
+            surface = scanning.load(os.path.join(chosen.data, "meshes", MESHES[name]), chosen.subdivide)
         scans = scanning.scan_all(
             surface, chosen.scans, chosen.readings, chosen.sigma, chosen.outliers, np.random.default_rng(seed)
         )
@@ -360,8 +402,8 @@ def options():
     found.add_argument(
         "--objects",
         default="standard",
-        help="`standard`, `mechanical`, `all`, or names separated by commas (default: standard): "
-        f"bunny, {', '.join(MESHES)}",
+        help="`standard`, `mechanical`, `parts`, `all`, or names separated by commas (default: standard): "
+        f"{', '.join(KNOWN)}",
     )
     found.add_argument("--peers", default="open3d-8,open3d-9,pymeshlab-8", help="programs with their depths")
     found.add_argument("--seed", type=int, default=0)
@@ -386,7 +428,8 @@ def options():
     )
     found.add_argument("--program", default=os.path.join(root, "target", "release", "planish"))
     chosen, chosen.more = found.parse_known_args()
-    sets = {"standard": STANDARD, "mechanical": MECHANICAL, "all": STANDARD + MECHANICAL}
+    sets = {"standard": STANDARD, "mechanical": MECHANICAL, "parts": [*sharp_parts.PARTS]}
+    sets["all"] = sum(sets.values(), [])
     chosen.objects = sets.get(chosen.objects) or chosen.objects.split(",")
     chosen.peers = [peer for peer in chosen.peers.split(",") if peer]
     return chosen
@@ -397,10 +440,11 @@ def check(chosen):
     files = {
         name: os.path.join(chosen.data, BUNNY if name == "bunny" else f"meshes/{MESHES.get(name)}")
         for name in chosen.objects
+        if name not in sharp_parts.PARTS
     }
-    unknown = [name for name in files if name != "bunny" and name not in MESHES]
+    unknown = [name for name in chosen.objects if name not in KNOWN]
     if unknown:
-        raise SystemExit(f"unknown objects: {', '.join(unknown)}; known are bunny, {', '.join(MESHES)}")
+        raise SystemExit(f"unknown objects: {', '.join(unknown)}; known are {', '.join(KNOWN)}")
     missing = [path for path in files.values() if not os.path.exists(path)]
     if missing:
         raise SystemExit(

@@ -39,11 +39,13 @@ mod local_misfit;
 mod marginal;
 mod minimum;
 mod misfit;
+mod misfit_by_bending;
 mod misfit_report;
 mod motion;
 mod noise;
 mod options;
 mod over_quads;
+mod pair_sums;
 mod patch;
 mod propagation;
 mod refine;
@@ -91,13 +93,14 @@ use crate::model::{Knowledge, NodeCovariance, Observed, Posterior, SurfaceModel}
 use crate::observe::ScanErrors;
 use batches::Batches;
 use finish::{FinishInput, finish};
-use first::first_surface;
+use first::{CreaseChoice, FirstShape, SMOOTHED_QUADS};
 use folds::Folds;
+use leaves::leaf_areas;
 use planish_core::{DVec3, Progress, ProgressPart};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::GroundOptions;
-use planish_spline::{FootPointSearch, Shape};
+use planish_spline::{FootPointSearch, Shape, Surface};
 use propagation::converge_with_propagation;
 use refine::{ConvergedFit, refine_to_noise};
 use report::rejected_readings;
@@ -358,7 +361,7 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
 }
 
 /// Fits with creases, over more and more quads, before one without.
-const MAX_CREASED_FITS: usize = 3;
+const MAX_CREASED_FITS: usize = 4;
 
 /// Finds a starting surface and refines it.
 ///
@@ -385,30 +388,73 @@ fn converge(
     {
         return Ok(converged);
     }
-    let mut refined = |options: &FitOptions, fewest_quads: usize| {
-        let surface = first_surface(observations, options, 1, fewest_quads, progress)?;
-        let domain = surface.space().domain().filter(|domain| !domain.creases().is_empty());
-        // Each quad of a layout was divided into four.
-        let creased_quads = domain.map(|domain| domain.cells().len() / 4);
-        let subset = observations.fitted();
-        Ok((creased_quads, refine_to_noise(observations, surface, subset, options, progress)))
+    let shape = FirstShape::of(observations, options, 1, progress)?;
+    let (creased, surface) = match fit_with_creases(observations, options, &shape, progress)? {
+        WithCreases::Sound(fit) => return Ok(*fit),
+        WithCreases::Smooth(creased, surface) => (creased, surface),
     };
-    let mut fewest_quads = 0;
-    for _ in 0..MAX_CREASED_FITS {
-        let (creased_quads, fit) = refined(options, fewest_quads)?;
-        match (creased_quads, fit) {
-            (Some(_), Ok(fit)) if Folds::of(&fit.surface, &fit.feet)?.places.is_empty() => return Ok(fit),
-            // Layouts differ in their corners, at most of which a fit does not fold.
-            (Some(quads), Ok(_)) => fewest_quads = quads + quads / 2,
-            (Some(quads), Err(error)) if error.kind() == ErrorKind::Undetermined => {
-                fewest_quads = quads + quads / 2;
+    let smooth = refine_to_noise(observations, surface, observations.fitted(), options, progress);
+    let Some((area, creased)) = creased else { return smooth };
+    match smooth {
+        // Smooth surfaces fold at edges of small angles.
+        Ok(fit) if Folds::of(&fit.surface, &fit.feet)?.area_fraction > area => Ok(*creased),
+        Err(error) if error.kind() == ErrorKind::Undetermined => Ok(*creased),
+        smooth => smooth,
+    }
+}
+
+/// What fits with creases gave.
+enum WithCreases {
+    /// One that does not fold.
+    Sound(Box<ConvergedFit>),
+    /// None: that which folds least, with the share of its area, and a smooth surface to start from.
+    Smooth(Option<(f64, Box<ConvergedFit>)>, Surface),
+}
+
+/// Fits with creases, over more and more quads, and with fewer creases where fits fold.
+fn fit_with_creases(
+    observations: &mut Observations,
+    options: &FitOptions,
+    shape: &FirstShape,
+    progress: &dyn Progress,
+) -> Result<WithCreases> {
+    let mut choice = CreaseChoice::default();
+    let mut best: Option<(f64, Box<ConvergedFit>)> = None;
+    for attempt in 0..MAX_CREASED_FITS {
+        let surface = shape.surface(Some(&mut choice), progress)?;
+        let layout = surface.space().domain().cloned().filter(|domain| !domain.creases().is_empty());
+        let Some(layout) = layout else { return Ok(WithCreases::Smooth(best, surface)) };
+        let subset = observations.fitted();
+        let fit = refine_to_noise(observations, surface, subset, options, progress);
+        // Each quad of the layout was divided into four.
+        let quads = layout.cells().len() / 4;
+        let mut folded = Vec::new();
+        match fit {
+            Ok(fit) => {
+                let folds = Folds::of(&fit.surface, &fit.feet)?;
+                if folds.places.is_empty() {
+                    return Ok(WithCreases::Sound(Box::new(fit)));
+                }
+                let side = (leaf_areas(&fit.surface).iter().sum::<f64>() / quads as f64).sqrt();
+                folded = folds.spheres(&fit.surface, SMOOTHED_QUADS * side);
+                // Each fit moves the scans, so with poses only the last one belongs to its scans.
+                let is_less = best.as_ref().is_none_or(|(area, _)| folds.area_fraction < *area);
+                if is_less && observations.scan_errors.is_empty() {
+                    best = Some((folds.area_fraction, Box::new(fit)));
+                }
             }
-            (_, fit) => return fit,
+            Err(error) if error.kind() == ErrorKind::Undetermined => {}
+            Err(error) => return Err(error),
+        }
+        // Layouts differ in their corners, at most of which a fit does not fold.
+        choice.fewest_quads = quads + quads / 2;
+        if attempt > 0 || !choice.smooth.is_empty() {
+            choice.smooth.extend(folded);
         }
     }
     // Creases were found at wrong places, or are too near to each other. A smooth surface rounds them
     // instead.
-    refined(&options.without_creases(), 0)?.1
+    Ok(WithCreases::Smooth(best, shape.surface(None, progress)?))
 }
 
 /// The given scans of a set, with its sensors.

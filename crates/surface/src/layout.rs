@@ -224,6 +224,11 @@ impl LayoutMesh {
         self.most
     }
 
+    /// Mean side of that many quads, or of the most.
+    pub(crate) fn side(&self, quads: usize) -> f64 {
+        (self.area / quads.clamp(1, self.most) as f64).sqrt()
+    }
+
     /// A layout of about the wanted number of quads.
     ///
     /// # Errors
@@ -241,7 +246,7 @@ impl LayoutMesh {
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
     pub fn layout(&self, quads: usize) -> Result<Layout> {
-        let side = (self.area / quads.clamp(1, self.most) as f64).sqrt();
+        let side = self.side(quads);
         let (mut cells, mut positions) = (Vec::new(), Vec::new());
         let (mut creases, mut corners) = (Vec::new(), Vec::new());
         for part in &self.parts {

@@ -6,7 +6,7 @@
 //! Not guaranteed: that the surface is within the noise of its readings; [`super::refine`] iterates until it
 //! is.
 
-use super::creases::{may_have_creases, with_creases};
+use super::creases::{SharpEdges, Sphere, may_have_creases, with_creases};
 use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
 use super::growth::{MAX_LEVELS, grow};
@@ -48,100 +48,204 @@ const MIN_STAR_COSINE: f64 = 0.25;
 const MAX_TURNED: f64 = 0.005;
 const TURNED_BY_CHANCE: f64 = 0.2;
 const TURNED_TOGETHER: f64 = 0.5;
+/// Rounds in which edges are left out where layouts fold, within so many sides of a quad, and the least share
+/// of their length that is kept.
+const SMOOTHING_ROUNDS: usize = 5;
+pub(super) const SMOOTHED_QUADS: f64 = 1.5;
+const QUADS_BESIDE_SMOOTHED: usize = 512;
+const MIN_KEPT: f64 = 0.4;
 /// Nearest readings, more than those from which normals are estimated.
 const NEAREST: usize = 24;
 /// Directions from the centre, around the axis and along it.
 const DIRECTIONS: [usize; 2] = [16, 8];
 
-/// The starting surface, over a base grid whose sides are multiples of `multiple`, or with creases over a
-/// layout of `fewest_quads` or more.
-///
-/// Points around solids that are not star-shaped get a surface over quads, with as many handles and bodies as
-/// they show. If they are too few to show that, a ball grows into the solid and is refined on the way. Other
-/// shapes, star-shaped balls among them, are draped over the points.
+/// Which sharp edges a starting surface follows, and over how many quads.
+#[derive(Debug, Clone, Default)]
+pub(super) struct CreaseChoice {
+    /// Quads of its layout, at least.
+    pub fewest_quads: usize,
+    /// Where the surface is smooth although there are edges, because layouts with them fold there.
+    pub smooth: Vec<Sphere>,
+}
+
+/// What readings show of their surface: a solid of any topology with its sharp edges, or a base shape.
+pub(super) struct FirstShape {
+    points: Vec<DVec3>,
+    normals: Vec<DVec3>,
+    sigma: f64,
+    /// Number of readings that the points are a sample of, and the same with later batches.
+    size: usize,
+    whole: usize,
+    has_scan_errors: bool,
+    options: FitOptions,
+    /// The border of the solid, if the surface may lie over quads.
+    solid: Option<TriangleMesh>,
+    /// The same with its sharp edges, if there are any and the fit may follow them.
+    creased: Option<SharpEdges>,
+    /// The base shape and its grid; none if the number of handles is given.
+    base: Option<(BaseShape, [usize; 2])>,
+    /// True for a ball that the readings see as no star-shaped solid.
+    is_grown: bool,
+}
+
+/// The starting surface, over a base grid whose sides are multiples of `multiple`, without sharp edges.
 ///
 /// # Errors
-/// `Undetermined` if the readings determine no shape; `Input` if the shape takes more coefficients than
-/// allowed.
+/// As for [`FirstShape::of`] and [`FirstShape::surface`].
 pub(super) fn first_surface(
     observations: &Observations,
     options: &FitOptions,
     multiple: usize,
-    fewest_quads: usize,
     progress: &dyn Progress,
 ) -> Result<Surface> {
-    let sample = shape_sample(&observations.readings);
-    let size = sample.count;
-    let sample = sample.readings;
-    let (points, normals) = positions_and_normals(&observations.readings, &sample);
-    let sigma = typical_sigma(observations, &sample);
-    let over_quads =
-        |mesh: CreasedMesh| surface_over_quads(mesh, size, options.max_coefficients, fewest_quads, progress);
-    // With sharp edges, if there are any. Where they are nearer to each other than quads are large, or were
-    // found at wrong places, there is no such surface.
-    let sharp = |mesh: &TriangleMesh| -> Result<Option<Surface>> {
-        if !options.follows_creases() {
-            return Ok(None);
-        }
-        let creased = with_creases(mesh.clone(), &points, &normals, sigma)?;
-        if creased.creases.is_empty() {
-            return Ok(None);
-        }
-        match over_quads(creased) {
-            Ok(surface) => Ok(Some(surface)),
-            Err(error) if error.kind() == ErrorKind::Interrupted => Err(error),
-            Err(_) => Ok(None),
-        }
-    };
-    if let Some(handles @ Handles::Exactly(_)) = options.handles() {
-        progress.check("topology", 0.02)?;
-        let mesh = enclosing_mesh(&points, &normals, handles)?;
-        return match sharp(&mesh)? {
-            Some(surface) => Ok(surface),
-            None => over_quads(CreasedMesh::smooth(mesh)),
+    FirstShape::of(observations, options, multiple, progress)?.surface(None, progress)
+}
+
+impl FirstShape {
+    /// # Errors
+    /// `Undetermined` if the readings determine no shape; `Input` if it takes more coefficients than allowed.
+    pub(super) fn of(
+        observations: &Observations,
+        options: &FitOptions,
+        multiple: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let sample = shape_sample(&observations.readings);
+        let (points, normals) = positions_and_normals(&observations.readings, &sample.readings);
+        let mut own = Self {
+            sigma: typical_sigma(observations, &sample.readings),
+            size: sample.count,
+            whole: sample.count * (1 + observations.intake.later_batches),
+            has_scan_errors: !observations.scan_errors.is_empty(),
+            options: options.clone(),
+            points,
+            normals,
+            solid: None,
+            creased: None,
+            base: None,
+            is_grown: false,
         };
+        if let Some(handles @ Handles::Exactly(_)) = options.handles() {
+            progress.check("topology", 0.02)?;
+            own.solid = Some(enclosing_mesh(&own.points, &own.normals, handles)?);
+        } else {
+            own.find_base(multiple, progress)?;
+        }
+        if let Some(solid) = own.solid.as_ref().filter(|_| options.follows_creases()) {
+            let found = with_creases(solid.clone(), &own.points, &own.normals, own.sigma)?;
+            own.creased = Some(found).filter(|found| !found.is_empty());
+        }
+        Ok(own)
     }
-    let base = choose_base_shape(&points, &normals, options.shape)?;
-    // In a small cloud, more cells would hold fewer than six readings each.
-    let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
-    progress.check("first shape", 0.02)?;
-    let is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, &points, &normals)?;
-    // Splines over a ball are smooth, and cannot follow sharp edges.
-    let may_lie_over_quads = base.shape == Shape::Ball && size >= MIN_FOR_HANDLES;
-    if let Some(handles) = options.handles().filter(|_| may_lie_over_quads)
-        && (is_grown || options.follows_creases() && may_have_creases(&points, &normals, sigma)?)
-    {
-        progress.check("topology", 0.04)?;
-        if let Some(mesh) = if_determined(enclosing_mesh(&points, &normals, handles))? {
-            if let Some(surface) = sharp(&mesh)? {
+
+    fn find_base(&mut self, multiple: usize, progress: &dyn Progress) -> Result<()> {
+        let (points, normals, options) = (&self.points, &self.normals, &self.options);
+        let base = choose_base_shape(points, normals, options.shape)?;
+        // In a small cloud, more cells would hold fewer than six readings each.
+        let cells = BASE_CELLS.min((self.size / 6).max(32));
+        let grid = base_grid(&base, cells, multiple, options.max_coefficients)?;
+        progress.check("first shape", 0.02)?;
+        self.is_grown = base.shape == Shape::Ball && !is_star_shaped(&base, points, normals)?;
+        // Splines over a ball are smooth, and cannot follow sharp edges.
+        let may_lie_over_quads = base.shape == Shape::Ball && self.size >= MIN_FOR_HANDLES;
+        if let Some(handles) = options.handles().filter(|_| may_lie_over_quads)
+            && (self.is_grown || options.follows_creases() && may_have_creases(points, normals, self.sigma)?)
+        {
+            progress.check("topology", 0.04)?;
+            self.solid = if_determined(enclosing_mesh(points, normals, handles))?;
+        }
+        self.base = Some((base, grid));
+        Ok(())
+    }
+
+    /// The starting surface; with the chosen sharp edges, if there are any.
+    ///
+    /// Points around solids that are not star-shaped get a surface over quads, with as many handles and
+    /// bodies as they show. If they are too few to show that, a ball grows into the solid and is refined on
+    /// the way. Other shapes, star-shaped balls among them, are draped over the points.
+    ///
+    /// # Errors
+    /// `Undetermined` if no surface of the number of handles that is asked for was found; that of an
+    /// interrupted `progress`.
+    pub(super) fn surface(
+        &self,
+        choice: Option<&mut CreaseChoice>,
+        progress: &dyn Progress,
+    ) -> Result<Surface> {
+        if let (Some(choice), Some(edges)) = (choice, &self.creased)
+            && let Some(surface) = self.creased_surface(edges, choice, progress)?
+        {
+            return Ok(surface);
+        }
+        let smooth = |solid: &TriangleMesh| {
+            let mesh = CreasedMesh::smooth(solid.clone());
+            Ok(surface_over_quads(mesh, self.size, self.options.max_coefficients, 0, progress)?.surface)
+        };
+        let Some((base, grid)) = &self.base else {
+            return self.solid.as_ref().map_or_else(|| Err(Error::undetermined("no solid")), smooth);
+        };
+        if self.is_grown {
+            if let Some(solid) = &self.solid
+                && let Some(surface) = if_determined(smooth(solid))?
+            {
                 return Ok(surface);
             }
-            if is_grown && let Some(surface) = if_determined(over_quads(CreasedMesh::smooth(mesh)))? {
-                return Ok(surface);
+            return self.grown(base, *grid, progress);
+        }
+        drape(base, *grid, &self.points, self.whole, self.has_scan_errors, &self.options)
+    }
+
+    /// A surface over a layout that follows sharp edges. Where layouts fold, it is smooth, and the choice
+    /// contains these places. None if it were smooth at most edges.
+    fn creased_surface(
+        &self,
+        edges: &SharpEdges,
+        choice: &mut CreaseChoice,
+        progress: &dyn Progress,
+    ) -> Result<Option<Surface>> {
+        let mut fewest_quads = choice.fewest_quads;
+        for round in 0..SMOOTHING_ROUNDS {
+            let left = edges.without(&choice.smooth);
+            if left.length() < MIN_KEPT * edges.length() {
+                return Ok(None);
+            }
+            let most = self.options.max_coefficients;
+            let found = surface_over_quads(left.mesh(), self.size, most, fewest_quads, progress);
+            let Some(found) = if_determined(found)? else { return Ok(None) };
+            if found.defect.is_sound() {
+                return Ok(Some(found.surface));
+            }
+            // Less is left out where quads are small.
+            fewest_quads = fewest_quads.max(QUADS_BESIDE_SMOOTHED);
+            let clusters = if round == 0 && choice.smooth.is_empty() { edges.clusters() } else { Vec::new() };
+            if clusters.is_empty() {
+                choice.smooth.extend(found.defect.spheres(SMOOTHED_QUADS * found.side));
+            } else {
+                choice.smooth = clusters;
             }
         }
+        Ok(None)
     }
-    if is_grown {
-        let indicator = Indicator::new(&points, &normals);
+
+    /// A ball that has grown into the solid.
+    fn grown(&self, base: &BaseShape, grid: [usize; 2], progress: &dyn Progress) -> Result<Surface> {
+        let indicator = Indicator::new(&self.points, &self.normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
         // The area of a sphere with the mean squared half axis: rough, but a level changes the number of
         // leaves by a factor of four.
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
-        let min_area = (MIN_LEAF_SIGMAS * sigma).powi(2);
-        let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
+        let min_area = (MIN_LEAF_SIGMAS * self.sigma).powi(2);
+        let deepest = self.options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {
-                cells(level) * READINGS_PER_FIRST_LEAF <= size
+                cells(level) * READINGS_PER_FIRST_LEAF <= self.size
                     && area >= min_area * cells(level) as f64
-                    && cells(level) <= options.max_coefficients
+                    && cells(level) <= self.options.max_coefficients
             })
             .count();
-        grow(&base, grid, levels, &points, &indicator, &|share| {
+        grow(base, grid, levels, &self.points, &indicator, &|share| {
             progress.check("growing", 0.05 + 0.35 * share)
         })
-    } else {
-        let whole = size * (1 + observations.intake.later_batches);
-        drape(&base, grid, &points, whole, !observations.scan_errors.is_empty(), options)
     }
 }
 

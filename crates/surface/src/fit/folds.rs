@@ -5,6 +5,7 @@
 //!
 //! Not guaranteed: folds that are as thin as the chord error of the mesh.
 
+use super::creases::Sphere;
 use super::leaves::leaf_areas;
 use crate::model::middles;
 use crate::observe::Foot;
@@ -70,6 +71,12 @@ impl Folds {
             area_fraction: leaves.iter().map(|&leaf| areas[leaf]).sum::<f64>() / all,
             example: mesh.corners(first as usize)[0],
         })
+    }
+
+    /// Spheres around all places.
+    pub(super) fn spheres(&self, surface: &Surface, radius: f64) -> Vec<Sphere> {
+        let center = |&(leaf, [s, t]): &(usize, [f64; 2])| surface.leaf_point(leaf, s, t);
+        self.places.iter().map(|place| Sphere { center: center(place), radius }).collect()
     }
 
     /// What a user should know, up to the reason; none without folds. Places are relative to `origin`.

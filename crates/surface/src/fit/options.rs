@@ -296,15 +296,6 @@ impl FitOptions {
         matches!(&self.strategy, Strategy::Global(global) if !global.smooth)
     }
 
-    /// The same options for a surface that is smooth everywhere.
-    pub(super) fn without_creases(&self) -> Self {
-        let mut options = self.clone();
-        if let Strategy::Global(global) = &mut options.strategy {
-            global.smooth = true;
-        }
-        options
-    }
-
     /// The width of objects that are removed, if only bare earth is kept.
     #[must_use]
     pub fn ground(&self) -> Option<GroundWidth> {

@@ -9,6 +9,7 @@
 //! refinement follows them.
 
 use super::block_ranges::BlockRanges;
+use super::creases::Sphere;
 use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
 use super::leaves::{is_piece, leaf_areas};
 use super::options::Handles;
@@ -69,6 +70,14 @@ const TIP_SHARE: f64 = 0.5;
 const INTERPOLATION_STEPS: usize = 20;
 const INTERPOLATED: f64 = 0.1;
 
+/// A surface over a layout of quads.
+pub(super) struct OverQuads {
+    pub surface: Surface,
+    pub defect: Defect,
+    /// Mean side of the quads.
+    pub side: f64,
+}
+
 /// A surface over quads on a closed mesh that is drawn from a sample of `readings` points, with about half of
 /// `max_coefficients` vertices at most. Creases of the mesh are creases of the surface.
 ///
@@ -76,15 +85,14 @@ const INTERPOLATED: f64 = 0.1;
 /// and does not pass through itself. The best of all is taken if none is.
 ///
 /// # Errors
-/// As for [`LayoutMesh::layout`]; `Undetermined` if there are creases, and every surface is far from the mesh
-/// somewhere or passes through itself; that of an interrupted `progress`.
+/// As for [`LayoutMesh::layout`]; that of an interrupted `progress`.
 pub(super) fn surface_over_quads(
     mesh: CreasedMesh,
     readings: usize,
     max_coefficients: usize,
     fewest_quads: usize,
     progress: &dyn Progress,
-) -> Result<Surface> {
+) -> Result<OverQuads> {
     let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
     let has_creases = !mesh.creases.is_empty();
     // Each quad is divided into four.
@@ -92,7 +100,7 @@ pub(super) fn surface_over_quads(
     let mut meshed = LayoutMesh::with_creases(mesh, most.min(FIRST_MOST))?;
     // Where cells are divided, the finest ones are a part of all.
     let finest = (readings / READINGS_PER_QUAD).min(meshed.mesh().positions.len());
-    let mut best: Option<(Defect, Surface)> = None;
+    let mut best: Option<OverQuads> = None;
     let mut quads = if has_creases { fewest_quads.clamp(FEWEST_QUADS, most) } else { FEWEST_QUADS };
     loop {
         progress.check("layout", 0.05 + 0.35 * quads as f64 / (quads + most) as f64)?;
@@ -104,10 +112,11 @@ pub(super) fn surface_over_quads(
         match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface(is_last)) {
             Ok((surface, defect)) => {
                 next = defect.more_quads(quads);
-                if best.as_ref().is_none_or(|(least, _)| defect.total() < least.total()) {
-                    best = Some((defect, surface));
+                let is_good = defect.total() <= MAX_MISSED;
+                if best.as_ref().is_none_or(|best| defect.total() < best.defect.total()) {
+                    best = Some(OverQuads { surface, defect, side: meshed.side(quads) });
                 }
-                if defect.total() <= MAX_MISSED {
+                if is_good {
                     break;
                 }
             }
@@ -121,22 +130,23 @@ pub(super) fn surface_over_quads(
         }
         quads = next;
     }
-    // Creases at a wrong place may turn the surface over, where a smooth one would only be rounder.
-    let (_, surface) = best
-        .filter(|(defect, _)| !has_creases || defect.total() < FAR)
-        .ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
-    divided_at_vertices(surface, readings)
+    let mut best = best.ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
+    if !has_creases || best.defect.is_sound() {
+        best.surface = divided_at_vertices(best.surface, readings)?;
+    }
+    Ok(best)
 }
 
 /// How a surface departs from its mesh.
-#[derive(Clone, Copy)]
-struct Defect {
+#[derive(Debug, Clone)]
+pub(super) struct Defect {
     /// Share of the vertices of the mesh that are not near the surface.
     missed: f64,
-    /// True if a vertex of either is far from the other.
-    is_far: bool,
-    /// Share of its triangles that pass through others.
+    /// Vertices of either that are far from the other.
+    far: Vec<DVec3>,
+    /// Share of its triangles that pass through others, and their first corners.
     crossing: f64,
+    crossings: Vec<DVec3>,
 }
 
 impl Defect {
@@ -147,27 +157,43 @@ impl Defect {
         let made = tessellate(surface, &options)?;
         let made = TriangleMesh::try_new(made.positions, made.triangles)?;
         let search = MeshSearch::try_new(&made)?;
-        let distances = |search: &MeshSearch, points: &[DVec3]| -> Vec<f64> {
+        let distances = |search: &MeshSearch, points: &[DVec3]| -> Vec<(f64, DVec3)> {
             let tested = tested(points);
-            search.closest_all(&tested).iter().map(|on| on.map_or(f64::INFINITY, |on| on.distance)).collect()
+            let distances = search.closest_all(&tested);
+            distances.iter().map(|on| on.map_or(f64::INFINITY, |on| on.distance)).zip(tested).collect()
         };
         let of_mesh = distances(&search, &mesh.positions);
         let of_surface = distances(meshed.search(), &made.positions);
+        let is_far = |(d, _): &&(f64, DVec3)| *d > FAR_REACHES * reach;
+        let pairs = search.crossing_pairs();
         Ok(Self {
-            missed: of_mesh.iter().filter(|d| **d > reach).count() as f64 / of_mesh.len().max(1) as f64,
-            is_far: of_mesh.iter().chain(&of_surface).any(|d| *d > FAR_REACHES * reach),
-            crossing: search.crossing_pairs().len() as f64 / made.triangles.len().max(1) as f64,
+            missed: of_mesh.iter().filter(|(d, _)| *d > reach).count() as f64 / of_mesh.len().max(1) as f64,
+            far: of_mesh.iter().chain(&of_surface).filter(is_far).map(|(_, p)| *p).collect(),
+            crossing: pairs.len() as f64 / made.triangles.len().max(1) as f64,
+            crossings: pairs.iter().flatten().map(|&t| made.corners(t as usize)[0]).collect(),
         })
     }
 
     /// By which surfaces are compared: a surface that passes through itself is worse than any other.
-    fn total(self) -> f64 {
-        let far = if self.is_far { FAR } else { 0.0 };
+    fn total(&self) -> f64 {
+        let far = if self.far.is_empty() { 0.0 } else { FAR };
         self.missed + far + if self.crossing > 0.0 { 1.0 + self.crossing } else { 0.0 }
     }
 
+    /// True if a surface with creases can be used. Creases at a wrong place may turn it over, where a smooth
+    /// one would only be rounder.
+    pub(super) fn is_sound(&self) -> bool {
+        self.total() < FAR
+    }
+
+    /// Spheres around the places that are far off, or where the surface passes through itself.
+    pub(super) fn spheres(&self, radius: f64) -> Vec<Sphere> {
+        let places = self.far.iter().chain(&self.crossings);
+        places.map(|&center| Sphere { center, radius }).collect()
+    }
+
     /// Quads of the next layout. A few more do not part what passes through itself.
-    fn more_quads(self, quads: usize) -> usize {
+    fn more_quads(&self, quads: usize) -> usize {
         if self.crossing > 0.0 { 2 * quads } else { quads + quads / 2 }
     }
 }

@@ -127,8 +127,7 @@ pub(crate) fn first_fit_of(
 ) -> Result<FirstFit> {
     let growth = options.max_depth.map_or(MAX_GROWTH, |depth| depth.min(MAX_GROWTH));
     let found = FitOptions { max_depth: Some(growth), ..options.clone() };
-    let surface =
-        first_surface(observations, &found, PATCH_CELLS, 0, &ProgressPart::new(progress, 0.0, 0.3))?;
+    let surface = first_surface(observations, &found, PATCH_CELLS, &ProgressPart::new(progress, 0.0, 0.3))?;
     // Counted in patches, because the filter divides these.
     let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
     // Patches divide a uniform base grid, so the levels that a ball has grown become that grid.

@@ -189,7 +189,7 @@ pub(super) fn judge_surface(
     }
     let allowed = if other.is_some() { MAX_UNRESOLVED_OF_OTHER_TOPOLOGY } else { MAX_UNRESOLVED };
     let refused = misfit.area_fraction > allowed || stray > MAX_STRAY || is_folded;
-    let place = folded.filter(|_| is_folded).unwrap_or_else(|| {
+    let place = folded.clone().filter(|_| is_folded).unwrap_or_else(|| {
         misfit.places.first().map_or_else(
             || format!("{} of the surface is far from the solid that the readings enclose", percent(stray)),
             |largest| {
@@ -207,6 +207,9 @@ pub(super) fn judge_surface(
     if other.is_some() && solid.is_some_and(|solid| solid.topology.is_ball()) {
         text += "; that depends on where exactly the border of the solid is drawn, so the readings may also \
                  be too few to show its shape";
+    }
+    if let Some(folded) = folded.filter(|_| !is_folded) {
+        text += &format!("; {folded}");
     }
     text += &gross_errors(readings.observations);
     if refused && !input.force {

@@ -76,6 +76,7 @@ fn layouts_keep_the_creases_of_solids() {
     for (name, most_special, most_turned_over) in [
         ("box", 0, 0),
         ("plate", 8, 0),
+        ("pocket", 28, 0),
         ("bracket", 16, 0),
         ("cylinder", 12, 0),
         ("sharp", 24, 2),

@@ -231,6 +231,13 @@ impl Faces {
         &self.around[v as usize]
     }
 
+    /// Neighbours of a vertex counter-clockwise from one of them on.
+    pub(super) fn neighbours_in_order(&self, v: u32, first: u32) -> Vec<u32> {
+        let after = |w: &u32| self.left_of(v, *w).and_then(|(_, face)| face.corners_from(v).last());
+        let all = std::iter::successors(Some(first), |w| after(w).filter(|next| *next != first));
+        all.take(self.valence(v)).collect()
+    }
+
     pub(super) fn valence(&self, v: u32) -> usize {
         self.around[v as usize].len()
     }

@@ -292,7 +292,7 @@ pub(super) fn even_out(
 }
 
 impl Quads<'_> {
-    fn change_while_better(&mut self, at: &mut [DVec3]) {
+    fn change_while_better(&mut self, at: &mut Vec<DVec3>) {
         loop {
             let mut changes = 0;
             for v in 0..at.len() as u32 {
@@ -301,6 +301,9 @@ impl Quads<'_> {
             let quads: Vec<u32> = self.faces.all().map(|(number, _)| number).collect();
             changes += quads.into_iter().filter(|&quad| self.collapse(at, quad)).count();
             changes += self.faces.edges().into_iter().filter(|&edge| self.turn(at, edge)).count();
+            if !self.creases.is_empty() {
+                changes += (0..at.len() as u32).filter(|&v| self.open(at, v)).count();
+            }
             if changes == 0 {
                 return;
             }
@@ -486,6 +489,56 @@ impl Quads<'_> {
             Face::quad([outer[k], outer[next], inner[next], inner[k]])
         }));
         self.faces.replace(&[quad], &quads).is_some()
+    }
+
+    /// Opens the way from a vertex over a neighbour to one beyond it into a quad, if that makes numbers of
+    /// quads better: both ends get a quad more, and the neighbour becomes two vertices.
+    ///
+    /// A corner of 270° may have two quads that no turn of an edge makes three.
+    fn open(&mut self, at: &mut Vec<DVec3>, v: u32) -> bool {
+        let mut best: Option<(i64, u32, usize)> = None;
+        for &w in self.faces.neighbours(v) {
+            let Some((face, _)) = self.faces.left_of(w, v) else { continue };
+            let near = self.faces.neighbours_in_order(w, v);
+            if !self.creases.is_free(w) || near.len() != self.faces.valence(w) {
+                continue;
+            }
+            let gain = |fan: Fan| fan.defect(0) - fan.defect(1);
+            let of_ends = gain(self.fan(v, face)) + self.fan(w, face).defect(0);
+            for (k, &x) in near.iter().enumerate().skip(2).take(near.len().saturating_sub(3)) {
+                let Some((beyond, _)) = self.faces.left_of(w, x) else { continue };
+                let halves = [k, near.len() - k].map(|quads| (quads as i64 + 1 - 4).pow(2));
+                let own = of_ends + gain(self.fan(x, beyond)) - halves[0] - halves[1];
+                if own > best.map_or(0, |(most, ..)| most) {
+                    best = Some((own, w, k));
+                }
+            }
+        }
+        best.is_some_and(|(_, w, k)| self.divide_vertex(at, [v, w], k))
+    }
+
+    /// Makes two vertices of `w` with a quad between them, from `v` to the `k`th neighbour after it.
+    fn divide_vertex(&mut self, at: &mut Vec<DVec3>, [v, w]: [u32; 2], k: usize) -> bool {
+        let near = self.faces.neighbours_in_order(w, v);
+        let new = self.faces.add_vertex();
+        at.resize(new as usize + 1, DVec3::ZERO);
+        let mut old = Vec::new();
+        let mut made = vec![Face::quad([v, w, near[k], new])];
+        for (j, &x) in near.iter().enumerate() {
+            let Some((number, face)) = self.faces.left_of(w, x) else { return false };
+            old.push(number);
+            made.push(if j < k { face } else { face.renamed(w, new) });
+        }
+        if self.faces.replace(&old, &made).is_none() {
+            return false;
+        }
+        let towards = |side: &[u32]| {
+            let mean = side.iter().map(|&x| at[x as usize]).sum::<DVec3>() / side.len().max(1) as f64;
+            at[w as usize].lerp(mean, 1.0 / 3.0)
+        };
+        let moved = [towards(&near[1..k]), towards(&near[k + 1..])];
+        (at[w as usize], at[new as usize]) = (moved[0], moved[1]);
+        true
     }
 
     /// Turns the edge between two quads within their hexagon, if that makes valences better.

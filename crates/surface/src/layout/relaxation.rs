@@ -19,6 +19,9 @@ pub(super) const ROUNDS: usize = 20;
 pub(super) const FEW_ROUNDS: usize = 2;
 /// Share of the way to the mean of the corners of squares.
 const STEP: f64 = 0.7;
+/// Weight of the middle between the neighbours on a crease. Beside narrow quads, squares alone would draw
+/// vertices of a crease together.
+const EVEN: f64 = 0.5;
 /// Share of the way to the direction of an edge inside of a concave fan.
 const TURN: f64 = 0.8;
 /// Smallest angle in space of such a fan. Those of less are defects of the layout.
@@ -43,6 +46,11 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, places: &[P
     let mut on: Vec<(DVec3, DVec3)> =
         (0..positions.len()).into_par_iter().map(|v| within(&places[v], positions[v], normals[v])).collect();
     let turned = domain.concave_fans();
+    let mut along: Vec<Vec<u32>> = vec![Vec::new(); positions.len()];
+    for &[a, b] in domain.creases() {
+        along[a as usize].push(b);
+        along[b as usize].push(a);
+    }
     for _ in 0..rounds {
         let squares: Vec<[DVec3; 4]> =
             domain.cells().par_iter().map(|quad| square_near(quad.map(|v| on[v as usize]))).collect();
@@ -51,7 +59,10 @@ pub(super) fn relax(domain: &QuadDomain, positions: &mut Vec<DVec3>, places: &[P
             .map(|v| {
                 let (at, normal) = on[v];
                 let own = &corners_of[v];
-                let mean = own.iter().map(|&(q, k)| squares[q][k]).sum::<DVec3>() / own.len() as f64;
+                let mut mean = own.iter().map(|&(q, k)| squares[q][k]).sum::<DVec3>() / own.len() as f64;
+                if let (Place::Along(_), &[a, b]) = (&places[v], &along[v][..]) {
+                    mean = mean.lerp(0.5 * (on[a as usize].0 + on[b as usize].0), EVEN);
+                }
                 if matches!(places[v], Place::Fixed) {
                     return on[v];
                 }

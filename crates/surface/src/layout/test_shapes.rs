@@ -124,6 +124,7 @@ pub(crate) fn shape(name: &str) -> CreasedMesh {
     let mesh = match name {
         "box" => blocks([&[0.0, 3.0], &[0.0, 2.0], &[0.0, 1.0]], |_| true),
         "plate" => blocks([&thirds, &thirds, &[0.0, 0.6]], |[x, y, _]| [x, y] != [1, 1]),
+        "pocket" => blocks([&thirds, &thirds, &[0.0, 0.8, 1.6]], |at| at != [1, 1, 1]),
         "bracket" => blocks([&[0.0, 1.0, 3.0], &[0.0, 2.0], &[0.0, 1.0, 3.0]], |[x, _, z]| x == 0 || z == 0),
         "cylinder" => prism(&circle(1.0, 64), 2.0),
         "sharp" => prism(&[[0.0, 0.0], [3.0, 0.0], [3.0, 3.0 * 30.0_f64.to_radians().tan()]], 1.0),

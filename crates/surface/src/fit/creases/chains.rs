@@ -12,6 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Length of a branch that ends freely, and of all connected creases, at least, in spacings.
 const MIN_BRANCH: f64 = 2.5;
 const MIN_LENGTH: f64 = 6.0;
+/// Length of a crease between two vertices where others meet, at least, in spacings.
+const MIN_LINK: f64 = 2.5;
 /// Length on both sides of a vertex over which directions are compared, in spacings, and the cosine of the
 /// smallest turn of a corner (45°).
 const STRAIGHT: f64 = 2.0;
@@ -20,19 +22,49 @@ const TURN_COSINE: f64 = 0.71;
 /// Neighbours of each vertex along creases.
 type Graph = BTreeMap<u32, BTreeSet<u32>>;
 
-/// Removes short creases and finds corners.
-pub(super) fn tidy(mut creased: CreasedMesh, spacing: f64) -> CreasedMesh {
+/// Removes short creases and finds corners. Returns as well the corners that were close to each other before
+/// short creases between them were removed: an edge is hardly one there, or several are close to each other.
+pub(super) fn tidy(mut creased: CreasedMesh, spacing: f64) -> (CreasedMesh, Vec<u32>) {
+    let mut graph = graph_of(&creased);
+    let at = &creased.mesh.positions.clone();
+    let mut update = |graph: &Graph| {
+        creased.corners = corners(graph, at, STRAIGHT * spacing);
+        creased.creases = edges(graph);
+        close_corners(&creased, MIN_LINK * spacing)
+    };
+    remove_short_branches(&mut graph, at, MIN_BRANCH * spacing);
+    remove_short_components(&mut graph, at, MIN_LENGTH * spacing);
+    let clusters = update(&graph);
+    remove_short_links(&mut graph, at, MIN_LINK * spacing);
+    remove_short_branches(&mut graph, at, MIN_BRANCH * spacing);
+    remove_short_components(&mut graph, at, MIN_LENGTH * spacing);
+    // Where a crease turns back soon, or meets others, its turn is noise.
+    let close = update(&graph);
+    creased.corners.retain(|v| !close.contains(v));
+    (creased, clusters)
+}
+
+/// Corners, and ends of creases, from which a crease leads to another one within a length.
+pub(super) fn close_corners(creased: &CreasedMesh, length: f64) -> Vec<u32> {
     let at = &creased.mesh.positions;
+    let graph = graph_of(creased);
+    let is_corner = |v: &u32| graph[v].len() != 2 || creased.corners.contains(v);
+    let leads_to_one = |v: u32, w: u32| {
+        let (path, total) = walk(&graph, at, [v, w], length);
+        let within = if total > length { &path[1..path.len() - 1] } else { &path[1..] };
+        within.iter().any(is_corner)
+    };
+    let is_close = |v: &u32| graph[v].iter().any(|&w| leads_to_one(*v, w));
+    graph.keys().copied().filter(|v| is_corner(v) && is_close(v)).collect()
+}
+
+fn graph_of(creased: &CreasedMesh) -> Graph {
     let mut graph = Graph::new();
     for &[a, b] in &creased.creases {
         graph.entry(a).or_default().insert(b);
         graph.entry(b).or_default().insert(a);
     }
-    remove_short_branches(&mut graph, at, MIN_BRANCH * spacing);
-    remove_short_components(&mut graph, at, MIN_LENGTH * spacing);
-    creased.corners = corners(&graph, at, STRAIGHT * spacing);
-    creased.creases = edges(&graph);
-    creased
+    graph
 }
 
 fn edges(graph: &Graph) -> Vec<[u32; 2]> {
@@ -77,6 +109,22 @@ fn remove_short_branches(graph: &mut Graph, at: &[DVec3], shortest: f64) {
         let (path, length) = walk(graph, at, [end, second], shortest);
         let last = path[path.len() - 1];
         if length < shortest && graph[&last].len() > 2 {
+            path.windows(2).for_each(|pair| remove(graph, pair[0], pair[1]));
+        }
+    }
+}
+
+/// Short creases between two vertices where others meet are noise: rungs between parallel chains of one edge,
+/// and one side of a small loop.
+fn remove_short_links(graph: &mut Graph, at: &[DVec3], shortest: f64) {
+    let junctions: Vec<u32> = graph.iter().filter(|(_, others)| others.len() > 2).map(|(&v, _)| v).collect();
+    for v in junctions {
+        while let Some(others) = graph.get(&v).filter(|others| others.len() > 2) {
+            let links = others.iter().map(|&w| walk(graph, at, [v, w], shortest));
+            let ends_at_another =
+                |path: &[u32]| path.last().is_some_and(|last| *last != v && graph[last].len() > 2);
+            let short = links.filter(|(path, length)| *length < shortest && ends_at_another(path));
+            let Some((path, _)) = short.min_by(|x, y| x.1.total_cmp(&y.1)) else { break };
             path.windows(2).for_each(|pair| remove(graph, pair[0], pair[1]));
         }
     }

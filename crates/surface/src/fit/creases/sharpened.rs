@@ -28,6 +28,8 @@ const MIN_QUALITY: f64 = 0.12;
 const MIN_GAIN: f64 = 0.03;
 /// Edges of faces that are turned over are collapsed if they are shorter than this many spacings.
 const UNTANGLED: f64 = 1.5;
+/// A face changes its side if the cosine between that of its corners and the new one is larger by this.
+const MIN_AGREEMENT_GAIN: f64 = 0.1;
 /// Rounds in which faces that are turned over are repaired.
 const UNTANGLING_ROUNDS: usize = 6;
 /// A vertex moves at most this many spacings to its patch.
@@ -182,6 +184,7 @@ impl SharpMesh {
         for _ in 0..CREASE_ROUNDS {
             self.even_out_creases();
         }
+        self.correct_sides();
         for _ in 0..ROUNDS {
             self.flip_all();
             self.collapse_all();
@@ -195,6 +198,41 @@ impl SharpMesh {
             self.smooth_turned();
             self.flip_all();
             self.untangle();
+        }
+    }
+
+    /// Puts faces on the side that all of their corners have.
+    ///
+    /// A face between two crossings of one edge of the mesh may have got the side beyond the crease. If it is
+    /// turned over, it does not seem to be, because the wrong side is nearly across it.
+    fn correct_sides(&mut self) {
+        for f in 0..self.faces.len() {
+            let face = self.faces[f];
+            if face[0] == NONE {
+                continue;
+            }
+            let middle = face.map(|v| self.at[v as usize]).iter().sum::<DVec3>() / 3.0;
+            let normal = |i: u32| self.patches[i as usize].distance(middle).1;
+            let corners: Vec<Vec<DVec3>> = face
+                .iter()
+                .map(|&v| self.sides[v as usize].iter().filter(|i| **i != NONE).map(|&i| normal(i)).collect())
+                .filter(|own: &Vec<DVec3>| !own.is_empty())
+                .collect();
+            // The least agreement of all corners with a side.
+            let agreement = |i: u32| {
+                let own = normal(i);
+                let of_corner = |sides: &Vec<DVec3>| sides.iter().map(|n| n.dot(own)).fold(-1.0, f64::max);
+                corners.iter().map(of_corner).fold(1.0, f64::min)
+            };
+            let candidates = face.iter().flat_map(|&v| self.sides[v as usize]).filter(|i| *i != NONE);
+            let best = candidates.map(|i| (agreement(i), i)).max_by(|x, y| x.0.total_cmp(&y.0));
+            let side = self.side_of_face[f];
+            let now = if side == NONE { -1.0 } else { agreement(side) };
+            if let Some((most, best)) = best.filter(|(most, _)| *most > now + MIN_AGREEMENT_GAIN)
+                && most > 0.0
+            {
+                self.side_of_face[f] = best;
+            }
         }
     }
 

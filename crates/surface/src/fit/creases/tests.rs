@@ -1,6 +1,7 @@
 //! Creases of bodies of which the sharp edges are known.
 
-use super::with_creases;
+use super::chains::close_corners;
+use super::{SharpEdges, Sphere, with_creases};
 use crate::fit::options::Handles;
 use crate::fit::over_quads::enclosing_mesh;
 use crate::layout::CreasedMesh;
@@ -149,7 +150,7 @@ fn creased(body: &Body, count: usize, spread: Spread, seed: u64) -> (TriangleMes
     let (points, normals) = readings(body, count, spread, seed);
     let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
     let spacing = (mesh.area() / count as f64).sqrt();
-    let made = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap();
+    let made = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap().mesh();
     (mesh, made, spacing)
 }
 
@@ -197,6 +198,43 @@ fn edges_of_a_cuboid_are_creases_that_meet_at_its_corners() {
         let [recall, precision, rms] = comparison(&body, &made, spacing);
         assert!(recall > 0.97 && precision > 0.97 && rms < 1.5 * SIGMA, "{recall} {precision} {rms}");
     }
+}
+
+/// Where edges are left out, none is left, and the mesh is round. The others stay as they are.
+#[test]
+fn edges_can_be_left_out_near_a_corner() {
+    let body = cuboid();
+    let (points, normals) = readings(&body, 6000, Spread::Uniform, 8);
+    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
+    let all = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap();
+    let left_out = Sphere { center: HALF, radius: 5.0 };
+    let rest = all.without(&[left_out]);
+    assert_sound(&mesh, &rest.mesh(), &body);
+    assert!((all.length() - rest.length() - 15.0).abs() < 2.5, "{} {}", all.length(), rest.length());
+    let farthest = |edges: &SharpEdges| {
+        let own = edges.mesh();
+        let at = |v: &u32| own.mesh.positions[*v as usize];
+        own.creases.iter().flatten().map(|v| at(v).distance(HALF)).fold(f64::INFINITY, f64::min)
+    };
+    assert!(farthest(&all) < 0.3 && farthest(&rest) > 4.0, "{} {}", farthest(&all), farthest(&rest));
+    let nearest = |edges: &SharpEdges| {
+        edges.mesh().mesh.positions.iter().map(|p| p.distance(HALF)).fold(f64::INFINITY, f64::min)
+    };
+    assert!(nearest(&rest) > nearest(&all) + 0.3, "{} {}", nearest(&all), nearest(&rest));
+    assert!(all.without(&[Sphere { center: DVec3::ZERO, radius: 100.0 }]).is_empty());
+}
+
+/// Two bodies of edges: one with a bridge of two spacings between corners, and one without.
+#[test]
+fn corners_that_are_close_to_each_other_are_found() {
+    let positions = [[0.0, 0.0], [5.0, 0.0], [7.0, 0.0], [12.0, 0.0], [5.0, 5.0], [7.0, 5.0]];
+    let positions = positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
+    let mesh = TriangleMesh::try_new(positions, vec![[0, 1, 4], [1, 2, 5], [2, 3, 5]]).unwrap();
+    let creases = vec![[0, 1], [1, 2], [2, 3], [1, 4], [2, 5]];
+    let creased = CreasedMesh { mesh, creases, corners: Vec::new() };
+    assert_eq!(close_corners(&creased, 2.5), [1, 2]);
+    assert!(close_corners(&creased, 1.5).is_empty());
+    assert_eq!(close_corners(&creased, 6.0), [0, 1, 2, 3, 4, 5]);
 }
 
 #[test]
@@ -248,7 +286,7 @@ fn estimated_normals_show_the_edges_of_a_can() {
     }
     let mesh = enclosing_mesh(&points, &estimated, Handles::AsSeen).unwrap();
     let spacing = (mesh.area() / 6000.0).sqrt();
-    let made = with_creases(mesh.clone(), &points, &estimated, SIGMA).unwrap();
+    let made = with_creases(mesh.clone(), &points, &estimated, SIGMA).unwrap().mesh();
     assert_sound(&mesh, &made, &body);
     let [recall, precision, rms] = comparison(&body, &made, spacing);
     assert!(recall > 0.75 && precision > 0.97 && rms < 0.7 * spacing, "{recall} {precision} {rms}");
