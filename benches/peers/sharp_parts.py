@@ -12,6 +12,10 @@ import numpy as np
 FACETS = 512  # Around a full circle.
 
 
+def round_bar(length, radius):
+    return m3.Manifold.cylinder(length, radius, circular_segments=FACETS, center=True)
+
+
 def box(rng):
     return m3.Manifold.cube(rng.uniform(40, 100, 3), True)
 
@@ -23,13 +27,14 @@ def plate(rng):
     count = rng.integers(1, 4)
     for k in range(count):
         at = length * ((k + 0.5) / count - 0.5)
-        hole = m3.Manifold.cylinder(2 * height, rng.uniform(0.18, 0.3) * min(width, length / count), circular_segments=FACETS, center=True)
+        radius = rng.uniform(0.18, 0.3) * min(width, length / count)
+        hole = round_bar(2 * height, radius)
         made -= hole.translate([at, rng.uniform(-0.1, 0.1) * width, 0])
     return made
 
 
 def cylinder(rng):
-    return m3.Manifold.cylinder(rng.uniform(50, 100), rng.uniform(15, 35), circular_segments=FACETS, center=True)
+    return round_bar(rng.uniform(50, 100), rng.uniform(15, 35))
 
 
 def wedge(rng):
@@ -40,10 +45,7 @@ def wedge(rng):
 
 def washer(rng):
     height, radius = rng.uniform(15, 30), rng.uniform(35, 50)
-    disc = m3.Manifold.cylinder(height, radius, circular_segments=FACETS, center=True)
-    return disc - m3.Manifold.cylinder(
-        2 * height, rng.uniform(0.35, 0.6) * radius, circular_segments=FACETS, center=True
-    )
+    return round_bar(height, radius) - round_bar(2 * height, rng.uniform(0.35, 0.6) * radius)
 
 
 def shaft(rng):
@@ -66,10 +68,10 @@ def cut(rng):
 
 def bracket(rng):
     """An L-shaped bracket with a hole in each leg."""
-    length, width, height, wall = rng.uniform(70, 100), rng.uniform(35, 60), rng.uniform(50, 80), rng.uniform(12, 20)
+    length, width, height, wall = rng.uniform([70, 35, 50, 12], [100, 60, 80, 20])
     made = m3.Manifold.cube([length, width, wall]) + m3.Manifold.cube([wall, width, height])
     if rng.random() < 0.5:
-        hole = m3.Manifold.cylinder(4 * wall, rng.uniform(0.15, 0.25) * width, circular_segments=FACETS, center=True)
+        hole = round_bar(4 * wall, rng.uniform(0.15, 0.25) * width)
         made -= hole.translate([0.6 * length, width / 2, 0])
     return made
 
@@ -78,21 +80,24 @@ def pocket(rng):
     """A block with a pocket that is open above."""
     size = rng.uniform([70, 50, 30], [100, 80, 50])
     inner = size * rng.uniform(0.4, 0.65, 3)
-    return m3.Manifold.cube(size, True) - m3.Manifold.cube(inner, True).translate([0, 0, (size[2] - 0.7 * inner[2]) / 2])
+    height = (size[2] - 0.7 * inner[2]) / 2
+    return m3.Manifold.cube(size, True) - m3.Manifold.cube(inner, True).translate([0, 0, height])
 
 
 def slotted(rng):
     """A block with a slot along its length."""
     size = rng.uniform([70, 50, 30], [100, 80, 50])
     slot = m3.Manifold.cube([2 * size[0], rng.uniform(0.25, 0.4) * size[1], size[2]], True)
-    return m3.Manifold.cube(size, True) - slot.translate([0, rng.uniform(-0.1, 0.1) * size[1], rng.uniform(0.5, 0.7) * size[2]])
+    moved = slot.translate([0, rng.uniform(-0.1, 0.1) * size[1], rng.uniform(0.5, 0.7) * size[2]])
+    return m3.Manifold.cube(size, True) - moved
 
 
 def boss(rng):
     """A block with a round boss."""
     size = rng.uniform([60, 60, 20], [100, 90, 35])
-    round_part = m3.Manifold.cylinder(rng.uniform(15, 35), rng.uniform(0.2, 0.35) * size[1], circular_segments=FACETS)
-    return m3.Manifold.cube(size, True) + round_part.translate([*rng.uniform(-0.1, 0.1, 2) * size[:2], size[2] / 2 - 1e-6])
+    height, radius = rng.uniform(15, 35), rng.uniform(0.2, 0.35) * size[1]
+    at = [*rng.uniform(-0.1, 0.1, 2) * size[:2], (size[2] + height) / 2 - 1e-6]
+    return m3.Manifold.cube(size, True) + round_bar(height, radius).translate(at)
 
 
 PARTS = {

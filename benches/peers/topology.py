@@ -10,7 +10,8 @@ Objects. Each mesh of the data folder is scaled to 100 mm, and its surface is th
 scanners at `--scans` viewpoints around it take about `--readings` readings, each with an isotropic error
 of σ = `--sigma`. A share of `--outliers` is wrong: half lies in a shell around the object, half is
 displaced along its ray by up to 20 mm. Normals are estimated from the neighbours in the same scan. The
-scans state σ. `--objects parts` are machined parts with random dimensions (see `sharp_parts.py`). `bunny` is the ten real scans of Stanford, which have neither a ground truth nor a σ.
+scans state σ. `--objects parts` are machined parts with random dimensions (see `sharp_parts.py`). `bunny` is
+the ten real scans of Stanford, which have neither a ground truth nor a σ.
 
 Programs. All get the same readings and normals. Planish also gets σ and the viewpoints; it estimates the
 normals of the bunny itself. Open3D removes outliers before Poisson reconstruction (see `mesh_worker.py`).
@@ -27,7 +28,8 @@ Columns:
 - readings: rms distance from the result of the readings that are no outliers, in σ; for the bunny in mm,
   without the farthest thousandth
 - 95 %: share of the area marked as measured (`observed` = 1) where the truth lies within 1.96 σ along the
-  normal, or in any direction near edges; the same of the remaining area; the share of the area that is marked as measured
+  normal, or in any direction near edges; the same of the remaining area; the share of the area that is
+  marked as measured
 - edges: the same of the area within 2 mm of edges of more than 30° of the truth: measured / share of it that
   is marked as measured; rms error of that area in mm
 - wrong: share of the whole area that is marked as measured although the truth is farther than 5 σ away, in
