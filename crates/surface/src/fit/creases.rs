@@ -65,7 +65,7 @@ pub(super) struct Sphere {
 
 /// A mesh on which the sharp edges of its surface are chains of edges.
 pub(super) struct SharpEdges {
-    mesh: CreasedMesh,
+    pub mesh: CreasedMesh,
     /// Spacing of the readings that show them.
     spacing: f64,
     /// Corners that noise put close to each other, or that are.
@@ -79,11 +79,6 @@ impl SharpEdges {
 
     pub(super) fn is_empty(&self) -> bool {
         self.mesh.creases.is_empty()
-    }
-
-    /// The mesh with its creases.
-    pub(super) fn mesh(&self) -> CreasedMesh {
-        self.mesh.clone()
     }
 
     /// Length of all of them.

@@ -210,7 +210,7 @@ impl FirstShape {
                 return Ok(None);
             }
             let most = self.options.max_coefficients;
-            let found = surface_over_quads(left.mesh(), self.size, most, fewest_quads, progress);
+            let found = surface_over_quads(left.mesh, self.size, most, fewest_quads, progress);
             let Some(found) = if_determined(found)? else { return Ok(None) };
             if found.defect.is_sound() {
                 return Ok(Some(found.surface));

@@ -20,37 +20,36 @@ const STRAIGHT: f64 = 2.0;
 const TURN_COSINE: f64 = 0.71;
 
 /// Neighbours of each vertex along creases.
-type Graph = BTreeMap<u32, BTreeSet<u32>>;
+pub(super) type Graph = BTreeMap<u32, BTreeSet<u32>>;
 
 /// Removes short creases and finds corners. Returns as well the corners that were close to each other before
 /// short creases between them were removed: an edge is hardly one there, or several are close to each other.
-pub(super) fn tidy(mut creased: CreasedMesh, spacing: f64) -> (CreasedMesh, Vec<u32>) {
-    let mut graph = graph_of(&creased);
-    let at = &creased.mesh.positions.clone();
-    let mut update = |graph: &Graph| {
-        creased.corners = corners(graph, at, STRAIGHT * spacing);
-        creased.creases = edges(graph);
-        close_corners(&creased, MIN_LINK * spacing)
+pub(super) fn tidy(creased: CreasedMesh, spacing: f64) -> (CreasedMesh, Vec<u32>) {
+    let CreasedMesh { mesh, creases, .. } = creased;
+    let (mut graph, at) = (graph_of(&creases), &mesh.positions);
+    let corners_and_close_ones = |graph: &Graph| {
+        let corners = corners(graph, at, STRAIGHT * spacing);
+        let close = close_corners(graph, at, &corners, MIN_LINK * spacing);
+        (corners, close)
     };
     remove_short_branches(&mut graph, at, MIN_BRANCH * spacing);
     remove_short_components(&mut graph, at, MIN_LENGTH * spacing);
-    let clusters = update(&graph);
+    let (_, clusters) = corners_and_close_ones(&graph);
     remove_short_links(&mut graph, at, MIN_LINK * spacing);
     remove_short_branches(&mut graph, at, MIN_BRANCH * spacing);
     remove_short_components(&mut graph, at, MIN_LENGTH * spacing);
     // Where a crease turns back soon, or meets others, its turn is noise.
-    let close = update(&graph);
-    creased.corners.retain(|v| !close.contains(v));
-    (creased, clusters)
+    let (mut corners, close) = corners_and_close_ones(&graph);
+    corners.retain(|v| !close.contains(v));
+    (CreasedMesh { creases: edges(&graph), corners, mesh }, clusters)
 }
 
-/// Corners, and ends of creases, from which a crease leads to another one within a length.
-pub(super) fn close_corners(creased: &CreasedMesh, length: f64) -> Vec<u32> {
-    let at = &creased.mesh.positions;
-    let graph = graph_of(creased);
-    let is_corner = |v: &u32| graph[v].len() != 2 || creased.corners.contains(v);
+/// Corners, and ends of creases, from which a crease leads to another one within a length. `turns` are the
+/// corners of two creases.
+pub(super) fn close_corners(graph: &Graph, at: &[DVec3], turns: &[u32], length: f64) -> Vec<u32> {
+    let is_corner = |v: &u32| graph[v].len() != 2 || turns.contains(v);
     let leads_to_one = |v: u32, w: u32| {
-        let (path, total) = walk(&graph, at, [v, w], length);
+        let (path, total) = walk(graph, at, [v, w], length);
         let within = if total > length { &path[1..path.len() - 1] } else { &path[1..] };
         within.iter().any(is_corner)
     };
@@ -58,9 +57,9 @@ pub(super) fn close_corners(creased: &CreasedMesh, length: f64) -> Vec<u32> {
     graph.keys().copied().filter(|v| is_corner(v) && is_close(v)).collect()
 }
 
-fn graph_of(creased: &CreasedMesh) -> Graph {
+pub(super) fn graph_of(creases: &[[u32; 2]]) -> Graph {
     let mut graph = Graph::new();
-    for &[a, b] in &creased.creases {
+    for &[a, b] in creases {
         graph.entry(a).or_default().insert(b);
         graph.entry(b).or_default().insert(a);
     }

@@ -1,6 +1,6 @@
 //! Creases of bodies of which the sharp edges are known.
 
-use super::chains::close_corners;
+use super::chains::{close_corners, graph_of};
 use super::{SharpEdges, Sphere, with_creases};
 use crate::fit::options::Handles;
 use crate::fit::over_quads::enclosing_mesh;
@@ -150,7 +150,7 @@ fn creased(body: &Body, count: usize, spread: Spread, seed: u64) -> (TriangleMes
     let (points, normals) = readings(body, count, spread, seed);
     let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
     let spacing = (mesh.area() / count as f64).sqrt();
-    let made = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap().mesh();
+    let made = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap().mesh;
     (mesh, made, spacing)
 }
 
@@ -209,16 +209,16 @@ fn edges_can_be_left_out_near_a_corner() {
     let all = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap();
     let left_out = Sphere { center: HALF, radius: 5.0 };
     let rest = all.without(&[left_out]);
-    assert_sound(&mesh, &rest.mesh(), &body);
+    assert_sound(&mesh, &rest.mesh, &body);
     assert!((all.length() - rest.length() - 15.0).abs() < 2.5, "{} {}", all.length(), rest.length());
     let farthest = |edges: &SharpEdges| {
-        let own = edges.mesh();
+        let own = &edges.mesh;
         let at = |v: &u32| own.mesh.positions[*v as usize];
         own.creases.iter().flatten().map(|v| at(v).distance(HALF)).fold(f64::INFINITY, f64::min)
     };
     assert!(farthest(&all) < 0.3 && farthest(&rest) > 4.0, "{} {}", farthest(&all), farthest(&rest));
     let nearest = |edges: &SharpEdges| {
-        edges.mesh().mesh.positions.iter().map(|p| p.distance(HALF)).fold(f64::INFINITY, f64::min)
+        edges.mesh.mesh.positions.iter().map(|p| p.distance(HALF)).fold(f64::INFINITY, f64::min)
     };
     assert!(nearest(&rest) > nearest(&all) + 0.3, "{} {}", nearest(&all), nearest(&rest));
     assert!(all.without(&[Sphere { center: DVec3::ZERO, radius: 100.0 }]).is_empty());
@@ -228,13 +228,11 @@ fn edges_can_be_left_out_near_a_corner() {
 #[test]
 fn corners_that_are_close_to_each_other_are_found() {
     let positions = [[0.0, 0.0], [5.0, 0.0], [7.0, 0.0], [12.0, 0.0], [5.0, 5.0], [7.0, 5.0]];
-    let positions = positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
-    let mesh = TriangleMesh::try_new(positions, vec![[0, 1, 4], [1, 2, 5], [2, 3, 5]]).unwrap();
-    let creases = vec![[0, 1], [1, 2], [2, 3], [1, 4], [2, 5]];
-    let creased = CreasedMesh { mesh, creases, corners: Vec::new() };
-    assert_eq!(close_corners(&creased, 2.5), [1, 2]);
-    assert!(close_corners(&creased, 1.5).is_empty());
-    assert_eq!(close_corners(&creased, 6.0), [0, 1, 2, 3, 4, 5]);
+    let positions = positions.map(|[x, y]| DVec3::new(x, y, 0.0));
+    let graph = graph_of(&[[0, 1], [1, 2], [2, 3], [1, 4], [2, 5]]);
+    assert_eq!(close_corners(&graph, &positions, &[], 2.5), [1, 2]);
+    assert!(close_corners(&graph, &positions, &[], 1.5).is_empty());
+    assert_eq!(close_corners(&graph, &positions, &[], 6.0), [0, 1, 2, 3, 4, 5]);
 }
 
 #[test]
@@ -286,7 +284,7 @@ fn estimated_normals_show_the_edges_of_a_can() {
     }
     let mesh = enclosing_mesh(&points, &estimated, Handles::AsSeen).unwrap();
     let spacing = (mesh.area() / 6000.0).sqrt();
-    let made = with_creases(mesh.clone(), &points, &estimated, SIGMA).unwrap().mesh();
+    let made = with_creases(mesh.clone(), &points, &estimated, SIGMA).unwrap().mesh;
     assert_sound(&mesh, &made, &body);
     let [recall, precision, rms] = comparison(&body, &made, spacing);
     assert!(recall > 0.75 && precision > 0.97 && rms < 0.7 * spacing, "{recall} {precision} {rms}");
