@@ -10,6 +10,7 @@
 //! | refine | `refine` (`misfit`, `division`) | a `ConvergedFit`: surface, feet, noise, smoothness weight |
 //! | finish | `finish` | a [`Fit`]: information, covariance, report |
 //!
+//! `creased_fit` chooses between first surfaces with and without sharp edges by their fits.
 //! `few_readings` replaces the first surface and the refinement if there are few. Large clouds pass these
 //! stages with a first batch; `batches` adds the others. Other strategies replace stages (see [`Strategy`]):
 //! `known_parameters` all of them, `patch` filters readings one at a time,
@@ -20,6 +21,7 @@ mod bending;
 mod bending_energy;
 mod bending_report;
 mod block_ranges;
+mod creased_fit;
 mod creases;
 mod division;
 mod drape;
@@ -92,17 +94,16 @@ pub use verdict::FitVerdict;
 use crate::model::{Knowledge, NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::observe::ScanErrors;
 use batches::Batches;
+use creased_fit::fit_first_shape;
 use finish::{FinishInput, finish};
-use first::{CreaseChoice, FirstShape, SMOOTHED_QUADS};
-use folds::Folds;
-use leaves::leaf_areas;
+use first::{FirstShape, inward_normals};
 use planish_core::{DVec3, Progress, ProgressPart};
-use planish_estimate::{Error, ErrorKind, Result};
+use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::GroundOptions;
-use planish_spline::{FootPointSearch, Shape, Surface};
+use planish_spline::{FootPointSearch, Shape};
 use propagation::converge_with_propagation;
-use refine::{ConvergedFit, refine_to_noise};
+use refine::ConvergedFit;
 use report::rejected_readings;
 use std::sync::Arc;
 use uneven_sigma::refuse_uneven_sigma;
@@ -360,9 +361,6 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
     Ok(())
 }
 
-/// Fits with creases, over more and more quads, before one without.
-const MAX_CREASED_FITS: usize = 4;
-
 /// Finds a starting surface and refines it.
 ///
 /// # Errors
@@ -388,73 +386,15 @@ fn converge(
     {
         return Ok(converged);
     }
-    let shape = FirstShape::of(observations, options, 1, progress)?;
-    let (creased, surface) = match fit_with_creases(observations, options, &shape, progress)? {
-        WithCreases::Sound(fit) => return Ok(*fit),
-        WithCreases::Smooth(creased, surface) => (creased, surface),
-    };
-    let smooth = refine_to_noise(observations, surface, observations.fitted(), options, progress);
-    let Some((area, creased)) = creased else { return smooth };
-    match smooth {
-        // Smooth surfaces fold at edges of small angles.
-        Ok(fit) if Folds::of(&fit.surface, &fit.feet)?.area_fraction > area => Ok(*creased),
-        Err(error) if error.kind() == ErrorKind::Undetermined => Ok(*creased),
-        smooth => smooth,
-    }
-}
-
-/// What fits with creases gave.
-enum WithCreases {
-    /// One that does not fold.
-    Sound(Box<ConvergedFit>),
-    /// None: that which folds least, with the share of its area, and a smooth surface to start from.
-    Smooth(Option<(f64, Box<ConvergedFit>)>, Surface),
-}
-
-/// Fits with creases, over more and more quads, and with fewer creases where fits fold.
-fn fit_with_creases(
-    observations: &mut Observations,
-    options: &FitOptions,
-    shape: &FirstShape,
-    progress: &dyn Progress,
-) -> Result<WithCreases> {
-    let mut choice = CreaseChoice::default();
-    let mut best: Option<(f64, Box<ConvergedFit>)> = None;
-    for attempt in 0..MAX_CREASED_FITS {
-        let surface = shape.surface(Some(&mut choice), progress)?;
-        let layout = surface.space().domain().cloned().filter(|domain| !domain.creases().is_empty());
-        let Some(layout) = layout else { return Ok(WithCreases::Smooth(best, surface)) };
-        let subset = observations.fitted();
-        let fit = refine_to_noise(observations, surface, subset, options, progress);
-        // Each quad of the layout was divided into four.
-        let quads = layout.cells().len() / 4;
-        let mut folded = Vec::new();
-        match fit {
-            Ok(fit) => {
-                let folds = Folds::of(&fit.surface, &fit.feet)?;
-                if folds.places.is_empty() {
-                    return Ok(WithCreases::Sound(Box::new(fit)));
-                }
-                let side = (leaf_areas(&fit.surface).iter().sum::<f64>() / quads as f64).sqrt();
-                folded = folds.spheres(&fit.surface, SMOOTHED_QUADS * side);
-                // Each fit moves the scans, so with poses only the last one belongs to its scans.
-                let is_less = best.as_ref().is_none_or(|(area, _)| folds.area_fraction < *area);
-                if is_less && observations.scan_errors.is_empty() {
-                    best = Some((folds.area_fraction, Box::new(fit)));
-                }
-            }
-            Err(error) if error.kind() == ErrorKind::Undetermined => {}
-            Err(error) => return Err(error),
+    let mut shape = FirstShape::of(observations, options, 1, progress)?;
+    if shape.faces_inwards {
+        // Later batches would keep their normals, and measured ones are no matter of orientation alone.
+        if observations.intake.later_batches > 0 || !observations.turn_normals() {
+            return Err(inward_normals());
         }
-        // Layouts differ in their corners, at most of which a fit does not fold.
-        choice.fewest_quads = quads + quads / 2;
-        if attempt > 0 || !choice.smooth.is_empty() {
-            choice.smooth.extend(folded);
-        }
+        shape = FirstShape::of(observations, options, 1, progress)?;
     }
-    // Creases were found at wrong places, or are too near to each other. A smooth surface rounds them
-    // instead.
-    Ok(WithCreases::Smooth(best, shape.surface(None, progress)?))
+    fit_first_shape(observations, options, &shape, progress)
 }
 
 /// The given scans of a set, with its sensors.

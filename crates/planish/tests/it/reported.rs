@@ -3,8 +3,8 @@
 
 use planish::export::mesh_from_model;
 use planish::fit::{
-    FitOptions, FitTermination, ObservationOptions, Observations, PatchOptions, Quantity, RejectionCause,
-    Strategy, fit,
+    FitOptions, FitTermination, GlobalOptions, ObservationOptions, Observations, PatchOptions, Quantity,
+    RejectionCause, Strategy, fit,
 };
 use planish::progress::{Progress, Silent};
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -216,4 +216,35 @@ fn bent_pipes_are_followed_and_their_ends_are_unmeasured() {
     println!("{covered} of {measured} covered, {far} of {caps} beyond the ends measured");
     // Marks have cells, so a single vertex just beyond the limit may lie in a measured one.
     assert!(f64::from(covered) > 0.9 * f64::from(measured) && caps > 1000 && 1000 * far <= caps);
+}
+
+/// Normals with the wrong side, or those of a cavity that was scanned from within.
+#[test]
+fn normals_that_face_inwards_are_turned() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let normal = Normal::new(0.0, 0.02).unwrap();
+    let axes = DVec3::new(20.0, 15.0, 12.0);
+    let (points, normals): (Vec<_>, Vec<_>) = std::iter::repeat_with(|| {
+        DVec3::from_array([(); 3].map(|()| normal.sample(&mut rng))).normalize_or_zero()
+    })
+    .take(4000)
+    .map(|d| (d * axes, -(d / axes).normalize()))
+    .unzip();
+    let points: Vec<DVec3> = (points.into_iter())
+        .map(|p: DVec3| p + DVec3::from_array([(); 3].map(|()| normal.sample(&mut rng))))
+        .collect();
+    for genus in [None, Some(0)] {
+        let mut set = scene(Shape::Sheet, 100).set;
+        set.scans.truncate(1);
+        let scan = Scan { name: "cavity".to_owned(), points: points.clone(), ..Scan::default() };
+        set.scans[0].scan = Scan { normals: Some(normals.clone()), ..scan };
+        set.sensors[set.scans[0].sensor].noise = None;
+        let strategy = Strategy::Global(GlobalOptions { genus, ..GlobalOptions::default() });
+        let found = fit(&set, &FitOptions { strategy, ..FitOptions::default() }, &Silent).unwrap();
+        let turned = found.report.findings.iter().filter(|f| f.text.contains("they were turned"));
+        assert_eq!(turned.count(), 1, "{:?}", found.report.findings);
+        let made = mesh_from_model(&found.model, &found.posterior(), Some(0.05)).unwrap();
+        let volume = 4.0 / 3.0 * PI * axes.x * axes.y * axes.z;
+        assert!((made.mesh.volume() / volume - 1.0).abs() < 0.01, "{}", made.mesh.volume() / volume);
+    }
 }

@@ -290,6 +290,12 @@ impl Hierarchy {
         self.quads().map(|over| &over.domain)
     }
 
+    /// True if the domain has creases.
+    #[must_use]
+    pub fn has_creases(&self) -> bool {
+        !self.crease_nodes().is_empty()
+    }
+
     /// The nodes on creases, in ascending order.
     pub(crate) fn crease_nodes(&self) -> &[CreaseNode] {
         self.quads().map_or(&[], |over| &over.crease_nodes)

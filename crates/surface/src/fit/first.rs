@@ -12,7 +12,7 @@ use super::drape::{READINGS_PER_FIRST_LEAF, drape};
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use super::options::{FitOptions, Handles};
-use super::over_quads::{enclosing_mesh, surface_over_quads};
+use super::over_quads::{MOST_WITH_CREASES, enclosing_mesh, surface_over_quads};
 use crate::layout::CreasedMesh;
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, ErrorKind, Progress};
@@ -21,6 +21,7 @@ use planish_mesh::TriangleMesh;
 use planish_sense::Neighbourhoods;
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, choose_base_shape};
 use rayon::prelude::*;
+use std::ops::RangeInclusive;
 
 /// Approximate number of cells of the base grid, before it is adapted to many readings.
 ///
@@ -54,18 +55,27 @@ const SMOOTHING_ROUNDS: usize = 5;
 pub(super) const SMOOTHED_QUADS: f64 = 1.5;
 const QUADS_BESIDE_SMOOTHED: usize = 512;
 const MIN_KEPT: f64 = 0.4;
+/// Mean of `(p − c)·n`, as a share of that of lengths, from which normals face inwards. Of a cup with a wall of
+/// a twelfth of its radius it is 0.12, with outward normals.
+const MIN_INWARD: f64 = 0.05;
 /// Nearest readings, more than those from which normals are estimated.
 const NEAREST: usize = 24;
 /// Directions from the centre, around the axis and along it.
 const DIRECTIONS: [usize; 2] = [16, 8];
 
 /// Which sharp edges a starting surface follows, and over how many quads.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct CreaseChoice {
-    /// Quads of its layout, at least.
-    pub fewest_quads: usize,
+    /// Numbers of quads of its layout.
+    pub quads: RangeInclusive<usize>,
     /// Where the surface is smooth although there are edges, because layouts with them fold there.
     pub smooth: Vec<Sphere>,
+}
+
+impl Default for CreaseChoice {
+    fn default() -> Self {
+        Self { quads: 0..=MOST_WITH_CREASES, smooth: Vec::new() }
+    }
 }
 
 /// What readings show of their surface: a solid of any topology with its sharp edges, or a base shape.
@@ -86,6 +96,9 @@ pub(super) struct FirstShape {
     base: Option<(BaseShape, [usize; 2])>,
     /// True for a ball that the readings see as no star-shaped solid.
     is_grown: bool,
+    /// True if normals face into the volume that the readings of a closed surface enclose. Nothing else is
+    /// known then.
+    pub(super) faces_inwards: bool,
 }
 
 /// The starting surface, over a base grid whose sides are multiples of `multiple`, without sharp edges.
@@ -98,7 +111,19 @@ pub(super) fn first_surface(
     multiple: usize,
     progress: &dyn Progress,
 ) -> Result<Surface> {
-    FirstShape::of(observations, options, multiple, progress)?.surface(None, progress)
+    let shape = FirstShape::of(observations, options, multiple, progress)?;
+    if shape.faces_inwards {
+        return Err(inward_normals());
+    }
+    shape.surface(None, progress)
+}
+
+/// Refuses normals that face inwards where they cannot be turned.
+pub(super) fn inward_normals() -> Error {
+    Error::undetermined(
+        "expected normals that face outwards, found normals that face into the volume that the readings \
+         enclose: turn them around",
+    )
 }
 
 impl FirstShape {
@@ -124,12 +149,24 @@ impl FirstShape {
             creased: None,
             base: None,
             is_grown: false,
+            faces_inwards: false,
         };
-        if let Some(handles @ Handles::Exactly(_)) = options.handles() {
+        let exact = options.handles().filter(|handles| matches!(handles, Handles::Exactly(_)));
+        let base = match exact {
+            Some(_) => None,
+            None => Some(choose_base_shape(&own.points, &own.normals, options.shape)?),
+        };
+        let is_closed = base.as_ref().is_none_or(|base| base.shape == Shape::Ball);
+        own.faces_inwards = is_closed && face_inwards(&own.points, &own.normals);
+        if own.faces_inwards {
+            return Ok(own);
+        }
+        if let Some(handles) = exact {
             progress.check("topology", 0.02)?;
             own.solid = Some(enclosing_mesh(&own.points, &own.normals, handles)?);
-        } else {
-            own.find_base(multiple, progress)?;
+        }
+        if let Some(base) = base {
+            own.find_solid(base, multiple, progress)?;
         }
         if let Some(solid) = own.solid.as_ref().filter(|_| options.follows_creases()) {
             let found = with_creases(solid.clone(), &own.points, &own.normals, own.sigma)?;
@@ -138,9 +175,9 @@ impl FirstShape {
         Ok(own)
     }
 
-    fn find_base(&mut self, multiple: usize, progress: &dyn Progress) -> Result<()> {
+    /// Finds the grid of a base shape, and the solid that the readings enclose if a ball may lie over quads.
+    fn find_solid(&mut self, base: BaseShape, multiple: usize, progress: &dyn Progress) -> Result<()> {
         let (points, normals, options) = (&self.points, &self.normals, &self.options);
-        let base = choose_base_shape(points, normals, options.shape)?;
         // In a small cloud, more cells would hold fewer than six readings each.
         let cells = BASE_CELLS.min((self.size / 6).max(32));
         let grid = base_grid(&base, cells, multiple, options.max_coefficients)?;
@@ -179,7 +216,8 @@ impl FirstShape {
         }
         let smooth = |solid: &TriangleMesh| {
             let mesh = CreasedMesh::smooth(solid.clone());
-            Ok(surface_over_quads(mesh, self.size, self.options.max_coefficients, 0, progress)?.surface)
+            let any = 0..=usize::MAX;
+            Ok(surface_over_quads(mesh, self.size, self.options.max_coefficients, any, progress)?.surface)
         };
         let Some((base, grid)) = &self.base else {
             return self.solid.as_ref().map_or_else(|| Err(Error::undetermined("no solid")), smooth);
@@ -195,6 +233,24 @@ impl FirstShape {
         drape(base, *grid, &self.points, self.whole, self.has_scan_errors, &self.options)
     }
 
+    /// A surface of the topology that the readings show, for a base shape that does not follow them; none for
+    /// sheets, which enclose nothing, for few readings, and if the shape or its topology is given.
+    ///
+    /// # Errors
+    /// That of an interrupted `progress`.
+    pub(super) fn over_quads_instead(&self, progress: &dyn Progress) -> Result<Option<Surface>> {
+        let is_open = self.base.as_ref().is_none_or(|(base, _)| base.shape == Shape::Sheet);
+        let handles = self.options.handles().filter(|_| !is_open && self.size >= MIN_FOR_HANDLES);
+        let (Some(handles), None) = (handles, &self.solid) else { return Ok(None) };
+        let Some(solid) = if_determined(enclosing_mesh(&self.points, &self.normals, handles))? else {
+            return Ok(None);
+        };
+        let mesh = CreasedMesh::smooth(solid);
+        let any = 0..=usize::MAX;
+        let made = surface_over_quads(mesh, self.size, self.options.max_coefficients, any, progress);
+        Ok(if_determined(made)?.map(|made| made.surface))
+    }
+
     /// A surface over a layout that follows sharp edges. Where layouts fold, it is smooth, and the choice
     /// contains these places. None if it were smooth at most edges.
     fn creased_surface(
@@ -203,20 +259,20 @@ impl FirstShape {
         choice: &mut CreaseChoice,
         progress: &dyn Progress,
     ) -> Result<Option<Surface>> {
-        let mut fewest_quads = choice.fewest_quads;
+        let mut quads = choice.quads.clone();
         for round in 0..SMOOTHING_ROUNDS {
             let left = edges.without(&choice.smooth);
             if left.length() < MIN_KEPT * edges.length() {
                 return Ok(None);
             }
             let most = self.options.max_coefficients;
-            let found = surface_over_quads(left.mesh, self.size, most, fewest_quads, progress);
+            let found = surface_over_quads(left.mesh, self.size, most, quads.clone(), progress);
             let Some(found) = if_determined(found)? else { return Ok(None) };
             if found.defect.is_sound() {
                 return Ok(Some(found.surface));
             }
             // Less is left out where quads are small.
-            fewest_quads = fewest_quads.max(QUADS_BESIDE_SMOOTHED);
+            quads = (*quads.start()).max(QUADS_BESIDE_SMOOTHED.min(*quads.end()))..=*quads.end();
             let clusters = if round == 0 && choice.smooth.is_empty() { edges.clusters() } else { Vec::new() };
             if clusters.is_empty() {
                 choice.smooth.extend(found.defect.spheres(SMOOTHED_QUADS * found.side));
@@ -256,6 +312,19 @@ fn if_determined<T>(found: Result<T>) -> Result<Option<T>> {
         Err(error) if error.kind() == ErrorKind::Undetermined => Ok(None),
         Err(error) => Err(error),
     }
+}
+
+/// True if normals of a closed surface face inwards.
+///
+/// Over the whole surface, the integral of `(p − c)·n` is three times the volume, with outward normals `n`
+/// and any centre `c` (divergence theorem).
+fn face_inwards(points: &[DVec3], normals: &[DVec3]) -> bool {
+    let center = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+    let (outward, all) = points.iter().zip(normals).fold((0.0, 0.0), |(outward, all), (p, n)| {
+        let from_center = *p - center;
+        (outward + from_center.dot(*n), all + from_center.length() * n.length())
+    });
+    outward < -MIN_INWARD * all
 }
 
 /// True if the readings see a ball's solid as star-shaped: their normals face away from its centre.

@@ -23,6 +23,7 @@ use planish_spline::{
 };
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// Most grid cells along each side. A complex grid then takes 113 MB.
@@ -36,7 +37,10 @@ const READINGS_PER_QUAD: usize = 3;
 /// Quads of the first layout, before each is divided into four.
 const FEWEST_QUADS: usize = 64;
 /// Most quads of a layout with creases. Larger ones take a minute, and no object had a sound one only then.
-const MOST_WITH_CREASES: usize = 1024;
+pub(super) const MOST_WITH_CREASES: usize = 1024;
+/// Other numbers of quads with creases, as shares of the most, if none up to the most was sound. Which corners
+/// fold is a matter of chance.
+const OTHER_NUMBERS: [f64; 2] = [0.87, 0.75];
 /// Quads of layouts for which the mesh is prepared first. Few objects need more, which take a finer mesh.
 const FIRST_MOST: usize = 2048;
 /// A starting surface is near its mesh at this distance, in edges of the mesh, at all but a share of its
@@ -69,6 +73,9 @@ const TIP_SHARE: f64 = 0.5;
 /// which a surface is near its mesh. Each step leaves about half of the rest.
 const INTERPOLATION_STEPS: usize = 20;
 const INTERPOLATED: f64 = 0.1;
+/// Largest distance of a vertex from the position that the surface should pass through there, in sides of a
+/// leaf. Where quads are narrow, longer ones overshoot, and the surface folds.
+const LONGEST_OFFSET: f64 = 0.25;
 
 /// A surface over a layout of quads.
 pub(super) struct OverQuads {
@@ -81,8 +88,8 @@ pub(super) struct OverQuads {
 /// A surface over quads on a closed mesh that is drawn from a sample of `readings` points, with about half of
 /// `max_coefficients` vertices at most. Creases of the mesh are creases of the surface.
 ///
-/// Layouts have more and more quads, with creases from `fewest_quads` on, until a surface is near the mesh
-/// and does not pass through itself. The best of all is taken if none is.
+/// Layouts have more and more of the wanted numbers of `quads`, until a surface is near the mesh and does not
+/// pass through itself. The best of all is taken if none is.
 ///
 /// # Errors
 /// As for [`LayoutMesh::layout`]; that of an interrupted `progress`.
@@ -90,26 +97,28 @@ pub(super) fn surface_over_quads(
     mesh: CreasedMesh,
     readings: usize,
     max_coefficients: usize,
-    fewest_quads: usize,
+    quads: RangeInclusive<usize>,
     progress: &dyn Progress,
 ) -> Result<OverQuads> {
     let cells = (readings / READINGS_PER_QUAD).min(max_coefficients / 2);
     let has_creases = !mesh.creases.is_empty();
     // Each quad is divided into four.
-    let most = (cells / 4).min(if has_creases { MOST_WITH_CREASES } else { usize::MAX }).max(FEWEST_QUADS);
+    let most = (cells / 4).min(*quads.end()).max(FEWEST_QUADS);
     let mut meshed = LayoutMesh::with_creases(mesh, most.min(FIRST_MOST))?;
     // Where cells are divided, the finest ones are a part of all.
     let finest = (readings / READINGS_PER_QUAD).min(meshed.mesh().positions.len());
     let mut best: Option<OverQuads> = None;
-    let mut quads = if has_creases { fewest_quads.clamp(FEWEST_QUADS, most) } else { FEWEST_QUADS };
+    let mut quads = (*quads.start()).clamp(FEWEST_QUADS, most);
+    let mut others = OTHER_NUMBERS.iter().filter(|_| has_creases);
+    let mut was_most = false;
     loop {
         progress.check("layout", 0.05 + 0.35 * quads as f64 / (quads + most) as f64)?;
-        let is_last = quads >= most;
+        was_most |= quads >= most;
         if quads.min(most) > meshed.most() {
             meshed = LayoutMesh::with_creases(meshed.into_mesh(), most)?;
         }
         let mut next = 2 * quads;
-        match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface(is_last)) {
+        match Draft::new(&meshed, quads, finest).and_then(|draft| draft.surface(was_most)) {
             Ok((surface, defect)) => {
                 next = defect.more_quads(quads);
                 let is_good = defect.total() <= MAX_MISSED;
@@ -120,15 +129,20 @@ pub(super) fn surface_over_quads(
                     break;
                 }
             }
-            Err(error) if error.kind() != ErrorKind::Undetermined || is_last && best.is_none() => {
+            Err(error) if error.kind() != ErrorKind::Undetermined || was_most && best.is_none() => {
                 return Err(error);
             }
             Err(_) => {}
         }
-        if is_last {
+        quads = if !was_most {
+            next
+        } else if best.as_ref().is_some_and(|best| best.defect.is_sound()) {
             break;
-        }
-        quads = next;
+        } else if let Some(share) = others.next() {
+            (share * most as f64) as usize
+        } else {
+            break;
+        };
     }
     let mut best = best.ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
     if !has_creases || best.defect.is_sound() {
@@ -345,12 +359,17 @@ impl<'a> Draft<'a> {
                 (leaf, local, self.position([u, v]))
             })
             .collect();
+        let longest: Vec<f64> =
+            wanted.iter().map(|(leaf, ..)| LONGEST_OFFSET * surface.leaf_area(*leaf).sqrt()).collect();
         for _ in 0..INTERPOLATION_STEPS {
             let gaps: Vec<DVec3> = (wanted.par_iter())
                 .map(|&(leaf, [s, t], wanted)| wanted - surface.leaf_point(leaf, s, t))
                 .collect();
-            let vertices = surface.vertices().iter().zip(&gaps).map(|(vertex, gap)| *vertex + *gap);
-            surface = surface.with_vertices(vertices.collect())?;
+            let moved = |k: usize| {
+                let (at, offset) = (wanted[k].2, surface.vertices()[k] + gaps[k] - wanted[k].2);
+                at + offset * (longest[k] / offset.length().max(f64::MIN_POSITIVE)).min(1.0)
+            };
+            surface = surface.with_vertices((0..gaps.len()).map(moved).collect())?;
             if gaps.iter().all(|gap| gap.length() < rest) {
                 break;
             }

@@ -10,6 +10,7 @@
 use super::FitOptions;
 use super::bending_energy::BendingEnergy;
 use super::division::{Misfit, chance_misfits, deepest, divided_within_budget, growth_log, log_divisions};
+use super::folds::refuse_folds_at_creases;
 use super::inferred::share_errors;
 use super::leaves::leaf_areas;
 use super::local_misfit::local_variances;
@@ -227,6 +228,7 @@ pub(super) fn refine_to_noise(
             let fit = state.converged(system)?;
             return Ok(ConvergedFit { reached_limit, reached_tolerance, refined, ..fit });
         }
+        refuse_folds_at_creases(&state.surface)?;
         let mut division = state.leaves_to_divide(&sample, factor.as_ref())?;
         let space = state.surface.space();
         reached_tolerance |= options.tolerance.is_some() && division.by_residuals == 0;
@@ -386,8 +388,7 @@ impl Refinement<'_> {
         };
         // A start with creases has no lost tips. Beside a crease, readings on one side may belong to the face
         // beyond it.
-        let has_creases = self.surface.space().domain().is_some_and(|domain| !domain.creases().is_empty());
-        let weighting = match (has_creases, round.is_last) {
+        let weighting = match (self.surface.space().has_creases(), round.is_last) {
             (false, false) => Weighting::BoundedByLeaf,
             (false, true) => Weighting::BoundedWithinGate,
             (true, false) => Weighting::Bounded,

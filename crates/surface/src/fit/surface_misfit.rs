@@ -124,7 +124,7 @@ pub(super) fn surface_misfit(
     let clusters = clusters(&near, &clustered);
     let area = |i: usize| spacing[i] * spacing[i];
     let followed: f64 = (0..judged.len()).filter(|&i| judged[i].on_surface && !missed[i]).map(area).sum();
-    let lost: f64 = clusters.iter().flatten().map(|&i| area(i)).sum();
+    let lost = clusters.iter().flatten().fold(0.0, |sum, &i| sum + area(i));
     let total = (followed + lost).max(f64::MIN_POSITIVE);
     let mut places: Vec<UnresolvedPlace> = clusters
         .iter()

@@ -19,14 +19,14 @@ use serde::Serialize;
 
 /// Largest share of the measured area that may be unresolved in a result; with a topology that the surface
 /// cannot have, a tenth of it.
-const MAX_UNRESOLVED: f64 = 0.05;
+pub(super) const MAX_UNRESOLVED: f64 = 0.05;
 const MAX_UNRESOLVED_OF_OTHER_TOPOLOGY: f64 = 0.005;
 /// Largest share of the surface that may be far from the solid that the readings enclose, if that has
 /// another topology.
 const MAX_STRAY: f64 = 0.003;
 /// Largest share of the area that may pass through itself. Fits of 40,000 readings with less were covered to
 /// 0.88 to 0.95 of 95 % intervals, those with more to 0.80 to 0.87.
-const MAX_FOLDED: f64 = 0.005;
+pub(super) const MAX_FOLDED: f64 = 0.005;
 /// Median distance of the readings from the surface, in σ of their noise, from which a surface runs between
 /// two layers. Readings of one layer have 0.67.
 const LAYERS_APART: f64 = 2.0;
@@ -170,7 +170,7 @@ pub(super) fn judge_surface(
             return Err(Error::undetermined(text).with_setting(Setting::Force));
         }
     }
-    let folds = Folds::of(surface, readings.feet)?;
+    let folds = Folds::of(surface, Some(readings.feet))?;
     let folded = folds.text(input.origin);
     let misfit = surface_misfit(readings, input.gate, input.origin)?.with_feet(folds.places);
     let solid = (shape == Some(Shape::Ball)).then(|| solid_of(readings.observations)).flatten();
@@ -392,7 +392,9 @@ fn layers(readings: ProjectedReadings<'_>, several_scans: bool) -> Option<String
         return None;
     }
     let mut all = distances(&|_| true);
-    let median = median(&mut all).filter(|_| all.len() >= MIN_FOR_LAYERS)?;
+    // Exact readings of a plane differ by rounding.
+    let rounding = readings.observations.min_variance.sqrt();
+    let median = median(&mut all).filter(|median| all.len() >= MIN_FOR_LAYERS && *median > rounding)?;
     let near = all.iter().filter(|d| **d < NEAR_SHARE * median).count() as f64;
     (near < MAX_NEAR * all.len() as f64).then(|| text(median, None))
 }
@@ -444,7 +446,7 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
     let noun = shape.map_or("surface", Shape::name);
     match enclosed {
         Some(EnclosedTopology { bodies, .. }) if bodies > 1 => {
-            format!("the readings show {bodies} separate bodies, and a {} is one: fit each body alone", noun)
+            format!("the readings show {bodies} separate bodies, and a {noun} is one: fit each body alone")
         }
         Some(EnclosedTopology { handles, .. }) if handles > 0 => {
             let holes = match handles {
@@ -452,7 +454,10 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
                 2..=MAX_COUNTED_HANDLES => format!("{handles} or more holes through it or handles"),
                 _ => "holes through it or handles, or thin walls".to_owned(),
             };
-            format!("the object has {holes}, which a {} cannot have", noun)
+            format!(
+                "the object has {holes}, which a {noun} cannot have: only the global filter, without a given \
+                 shape, symmetry or completion, fits surfaces of other topology"
+            )
         }
         _ => format!(
             "there is an edge, a hole, a thin part or another feature that a smooth {noun} of this \

@@ -16,6 +16,10 @@ use rayon::prelude::*;
 const PROBES: usize = 8;
 /// Feet that one task takes: fixed, so that the number of threads does not change the sums.
 const CHUNK: usize = 4096;
+/// σ of the step of an unknown beside the readings and the prior, in sides of its cell, for surfaces with
+/// creases. Where little determines an unknown, as at corners, longer steps fold the surface. At the solution
+/// the step is zero, so that it does not depend on this.
+const STEP_SIGMA: f64 = 0.25;
 /// Share of the mean diagonal that is added to it: rounding must not make the matrix indefinite.
 const DIAGONAL_SHARE: f64 = 1e-10;
 
@@ -87,6 +91,9 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     matrix.add_scaled(&data, 1.0)?;
     let ridge = DIAGONAL_SHARE * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
+    if surface.space().has_creases() {
+        damp(&mut matrix, surface, directions.len())?;
+    }
     let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
         ErrorKind::Undetermined => Error::undetermined(format!(
             "{} readings near the surface do not determine its shape",
@@ -129,6 +136,19 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
         scan_errors,
         scan_error_decrement,
     })
+}
+
+/// Adds the information of a step of zero with [`STEP_SIGMA`] to each unknown (Levenberg 1944, Marquardt
+/// 1963).
+fn damp(matrix: &mut BlockInformation, surface: &Surface, unknowns: usize) -> Result<()> {
+    let space = surface.space();
+    let anchors = space.node_anchors();
+    for unknown in 0..unknowns {
+        let [u, v] = anchors[space.node_of_unknown(unknown)];
+        let area = surface.leaf_area(space.locate(u, v).0).max(f64::MIN_POSITIVE);
+        matrix.add_to_diagonal_block(unknown as u32, &[1.0 / (STEP_SIGMA * STEP_SIGMA * area)])?;
+    }
+    Ok(())
 }
 
 /// What pulls the vertices besides the readings: `w (η − K x)` of the prior, and `η − Λ x` of earlier data.

@@ -148,6 +148,8 @@ pub struct IntakeFigures {
     pub(super) copies: BTreeSet<(u32, u32)>,
     /// Noise along the normal, if a scan shows two parallel layers farther apart than that.
     pub layers: Option<f64>,
+    /// True if all normals were turned around.
+    pub(super) are_normals_turned: bool,
     /// Scans whose stated normals contradict their neighbours.
     pub(super) unreliable_normals: Vec<(u32, UnreliableNormals)>,
 }

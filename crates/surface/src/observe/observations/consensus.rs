@@ -177,7 +177,14 @@ impl Observations {
                 },
             )
         };
-        self.intake.unreliable_normals.iter().map(text).collect()
+        let turned = self.intake.are_normals_turned.then(|| {
+            Finding::new(
+                FindingCode::NormalsUnreliable,
+                "the normals face into the volume that the readings enclose, as those of a cavity or with the \
+                 wrong sign: they were turned, so that the surface encloses this volume",
+            )
+        });
+        self.intake.unreliable_normals.iter().map(text).chain(turned).collect()
     }
 }
 

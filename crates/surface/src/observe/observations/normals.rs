@@ -2,7 +2,7 @@
 
 use super::Observations;
 use super::intake::{MIN_POINTS, has_ground};
-use crate::observe::RejectionCause;
+use crate::observe::{Quantity, RejectionCause};
 use planish_core::{DVec3, Vec3};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
@@ -130,6 +130,17 @@ impl Observations {
                 self.readings.normals[i] = Vec3::ZERO;
             }
         }
+    }
+
+    /// Turns all normals around, because they face into the volume that the readings enclose; false, and no
+    /// change, if some of them are measurements.
+    pub(crate) fn turn_normals(&mut self) -> bool {
+        if self.channels.iter().any(|channel| channel.quantity != Quantity::Position) {
+            return false;
+        }
+        self.readings.normals.iter_mut().for_each(|normal| *normal = -*normal);
+        self.intake.are_normals_turned = true;
+        true
     }
 
     /// Computes [`Self::min_variance`], [`Self::rounding_variance`], and for every channel the roughness
