@@ -34,7 +34,7 @@ fn main() -> Result<()> {
         silhouettes: Some(folder.join("views.toml")),
         sequence: None,
         deformation: DeformationKind::Dirichlet,
-        controls: 30,
+        controls: Some(30),
         controls_file: None,
         family: Vec::new(),
         rigid: Vec::new(),

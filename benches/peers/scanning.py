@@ -62,27 +62,10 @@ class Surface:
         }
 
     def closest(self, points):
-        """The closest points on the surface and their triangles.
-
-        Open3D finds the triangles. Its places in them are in single precision, which is wrong by 1e-3 of the
-        length of a needle, so they are found again.
-        """
+        """The closest points on the surface and their triangles."""
         found = self.scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
-        triangles = found["primitive_ids"].numpy()
-        corners, normals = self.vertices[self.triangles[triangles]], self.normals[triangles]
-        height = np.einsum("ij,ij->i", points - corners[:, 0], normals)
-        best = points - height[:, None] * normals
-        sides = np.roll(corners, -1, axis=1) - corners
-        inward = np.cross(normals[:, None], sides)
-        beside = (np.einsum("nki,nki->nk", best[:, None] - corners, inward) < 0).any(axis=1)
-        # The closest point on each side, for projections beside the triangle.
-        start, side = corners[beside], sides[beside]
-        share = np.einsum("nki,nki->nk", points[beside, None] - start, side)
-        share /= np.maximum(np.einsum("nki,nki->nk", side, side), 1e-300)
-        on_sides = start + np.clip(share, 0, 1)[..., None] * side
-        nearest = np.linalg.norm(on_sides - points[beside, None], axis=2).argmin(axis=1)
-        best[beside] = on_sides[np.arange(len(nearest)), nearest]
-        return best, triangles
+        triangles, uv = found["primitive_ids"].numpy(), found["primitive_uvs"].numpy().astype(float)
+        return self.at(triangles, uv[:, 0], uv[:, 1]), triangles
 
     def distances(self, points):
         return np.linalg.norm(points - self.closest(points)[0], axis=1)

@@ -10,7 +10,6 @@ import manifold3d as m3
 import numpy as np
 
 FACETS = 512  # Around a full circle.
-LONGEST = 3.0  # Length of a side of a triangle, at most: distances to long needles are imprecise.
 
 
 def round_bar(length, radius):
@@ -110,7 +109,7 @@ PARTS = {
 def part(name, seed):
     """Vertices and triangles of a part."""
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    mesh = PARTS[name](rng).refine_to_length(LONGEST).to_mesh64()
+    mesh = PARTS[name](rng).to_mesh64()
     turn, upper = np.linalg.qr(rng.standard_normal((3, 3)))
     turn = turn * np.sign(np.diag(upper))
     turn *= np.sign(np.linalg.det(turn))

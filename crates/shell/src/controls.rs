@@ -36,6 +36,7 @@ pub struct Controls {
 }
 
 /// The edge graph of a mesh with lengths, along which regions grow.
+#[derive(Debug, Clone)]
 struct EdgeGraph {
     start: Vec<usize>,
     to: Vec<(u32, f64)>,
@@ -179,59 +180,165 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
 /// # Errors
 /// As [`automatic_controls`].
 pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
-    if count == 0 || mesh.triangles.is_empty() {
-        return Err(Error::input("expected a mesh with faces and a count of at least one for the controls"));
-    }
-    let graph = EdgeGraph::new(mesh);
-    let mut used = vec![false; mesh.positions.len()];
-    for &v in mesh.triangles.iter().flatten() {
-        used[v as usize] = true;
-    }
-    let in_use: Vec<usize> = (0..used.len()).filter(|v| used[*v]).collect();
-    let first = in_use[skipped % in_use.len()];
-    let mut far: Vec<f64> = used.iter().map(|used| if *used { f64::INFINITY } else { -1.0 }).collect();
-    let mut regions = vec![u32::MAX; mesh.positions.len()];
-    let mut vertices = Vec::new();
-    while vertices.len() < count {
-        let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + EQUAL_DISTANCE_TOLERANCE);
-        let farthest = match vertices.is_empty() {
-            true => first,
-            false => (0..far.len()).fold(first, |best, v| if farther(v, best) { v } else { best }),
-        };
-        // All vertices are controls already.
-        if far[farthest] <= 0.0 {
-            break;
+    Ok(ControlSampling::new(mesh, count, skipped)?.controls())
+}
+
+/// Controls on a mesh that are chosen one after the other, each as far as possible from those before. More
+/// can be added in some of their regions.
+///
+/// The region of a control contains the vertices that are nearer to it than to others, along the edges of the
+/// mesh.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::ControlSampling;
+/// let mut sampling = ControlSampling::new(&icosphere(1.0, 4), 20, 0)?;
+/// // Controls at half of the distance in the region of the first control.
+/// let mut radii = sampling.radii();
+/// radii[0] *= 0.5;
+/// let added = sampling.refine(&radii, 100);
+/// assert!(added > 0 && added < 10);
+/// assert_eq!(sampling.controls().points.len(), 20 + added);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct ControlSampling {
+    graph: EdgeGraph,
+    positions: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+    /// Distance of each vertex from its control; negative for unused vertices.
+    distances: Vec<f64>,
+    /// Index of the control of each vertex; `u32::MAX` for unused vertices.
+    regions: Vec<u32>,
+    vertices: Vec<u32>,
+}
+
+impl ControlSampling {
+    /// Chooses `count` controls. The first one is the used vertex with index `skipped`.
+    ///
+    /// # Errors
+    /// As [`automatic_controls`].
+    pub fn new(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Self> {
+        if count == 0 || mesh.triangles.is_empty() {
+            return Err(Error::input(
+                "expected a mesh with faces and a count of at least one for the controls",
+            ));
         }
-        graph.grow(farthest as u32, vertices.len() as u32, &mut far, &mut regions);
-        vertices.push(farthest as u32);
+        let mut used = vec![false; mesh.positions.len()];
+        for &v in mesh.triangles.iter().flatten() {
+            used[v as usize] = true;
+        }
+        let in_use: Vec<usize> = (0..used.len()).filter(|v| used[*v]).collect();
+        let first = in_use[skipped % in_use.len()];
+        let mut made = Self {
+            graph: EdgeGraph::new(mesh),
+            positions: mesh.positions.clone(),
+            triangles: mesh.triangles.clone(),
+            distances: used.iter().map(|used| if *used { f64::INFINITY } else { -1.0 }).collect(),
+            regions: vec![u32::MAX; mesh.positions.len()],
+            vertices: Vec::new(),
+        };
+        made.add(first);
+        while made.vertices.len() < count {
+            let far = &made.distances;
+            let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + EQUAL_DISTANCE_TOLERANCE);
+            let farthest = (0..far.len()).fold(first, |best, v| if farther(v, best) { v } else { best });
+            // All vertices are controls already.
+            if far[farthest] <= 0.0 {
+                break;
+            }
+            made.add(farthest);
+        }
+        Ok(made)
     }
-    let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
-    for t in &mesh.triangles {
-        let mut regions_of_corners = t.map(|v| regions[v as usize]);
-        for k in 0..3 {
-            let [a, b] = [regions_of_corners[k], regions_of_corners[(k + 1) % 3]];
+
+    fn add(&mut self, vertex: usize) {
+        let region = self.vertices.len() as u32;
+        self.graph.grow(vertex as u32, region, &mut self.distances, &mut self.regions);
+        self.vertices.push(vertex as u32);
+    }
+
+    /// Index of the control of each vertex; `u32::MAX` for unused vertices.
+    #[must_use]
+    pub fn regions(&self) -> &[u32] {
+        &self.regions
+    }
+
+    /// Number of controls.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// Largest distance of a vertex from its control, in each region. Distances are along edges, and longer
+    /// where the mesh bends.
+    #[must_use]
+    pub fn radii(&self) -> Vec<f64> {
+        let mut radii = vec![0.0_f64; self.vertices.len()];
+        for (region, distance) in self.regions.iter().zip(&self.distances) {
+            if let Some(radius) = radii.get_mut(*region as usize) {
+                *radius = radius.max(*distance);
+            }
+        }
+        radii
+    }
+
+    /// Adds up to `count` controls until no vertex of a present region is farther from a control than the
+    /// radius of this region. The vertex that exceeds its radius by the largest factor is next. Returns the
+    /// number of new controls.
+    ///
+    /// Cost: one pass over the vertices for each control.
+    pub fn refine(&mut self, radii: &[f64], count: usize) -> usize {
+        let limits: Vec<f64> = (self.regions.iter())
+            .map(|region| radii.get(*region as usize).copied().unwrap_or(f64::INFINITY))
+            .collect();
+        let before = self.vertices.len();
+        while self.vertices.len() < before + count {
+            let excess = |v: usize| self.distances[v] / limits[v];
+            let next = (0..limits.len()).fold((1.0 + EQUAL_DISTANCE_TOLERANCE, None), |best, v| {
+                let found = excess(v);
+                if found > best.0 * (1.0 + EQUAL_DISTANCE_TOLERANCE) { (found, Some(v)) } else { best }
+            });
+            let (_, Some(vertex)) = next else { break };
+            self.add(vertex);
+        }
+        self.vertices.len() - before
+    }
+
+    /// The controls, and their triangles where three regions meet.
+    #[must_use]
+    pub fn controls(&self) -> Controls {
+        let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
+        for t in &self.triangles {
+            let mut regions_of_corners = t.map(|v| self.regions[v as usize]);
+            for k in 0..3 {
+                let [a, b] = [regions_of_corners[k], regions_of_corners[(k + 1) % 3]];
+                if a != b {
+                    edges.insert([a.min(b), a.max(b)]);
+                }
+            }
+            // A triangle whose corners belong to three regions is dual to a triangle of their controls.
+            regions_of_corners.sort_unstable();
+            if regions_of_corners[0] != regions_of_corners[1]
+                && regions_of_corners[1] != regions_of_corners[2]
+            {
+                triangles.insert(regions_of_corners);
+            }
+        }
+        for [a, b] in &self.graph.bridges {
+            let [a, b] = [a, b].map(|v| self.regions[*v as usize]);
             if a != b {
                 edges.insert([a.min(b), a.max(b)]);
             }
         }
-        // A triangle whose corners belong to three regions is dual to a triangle of their controls.
-        regions_of_corners.sort_unstable();
-        if regions_of_corners[0] != regions_of_corners[1] && regions_of_corners[1] != regions_of_corners[2] {
-            triangles.insert(regions_of_corners);
+        Controls {
+            points: self.vertices.iter().map(|&v| self.positions[v as usize]).collect(),
+            vertices: self.vertices.clone(),
+            triangles: triangles.into_iter().collect(),
+            edges: edges.into_iter().collect(),
         }
     }
-    for [a, b] in &graph.bridges {
-        let [a, b] = [a, b].map(|v| regions[*v as usize]);
-        if a != b {
-            edges.insert([a.min(b), a.max(b)]);
-        }
-    }
-    Ok(Controls {
-        points: vertices.iter().map(|&v| mesh.positions[v as usize]).collect(),
-        vertices,
-        triangles: triangles.into_iter().collect(),
-        edges: edges.into_iter().collect(),
-    })
 }
 
 /// The stiffness `K` of C eq. 10 for one coordinate of the displacements: `ΔᵀKΔ = ∫ |∇Δ|²` over linear

@@ -29,6 +29,7 @@ mod correlation;
 mod dense;
 mod equations;
 mod folds;
+mod growth;
 mod orientation;
 mod point_selection;
 mod priors;
@@ -49,8 +50,9 @@ pub use readings::{
     ShellView,
 };
 
+pub use growth::{ControlGrowth, ControlledDeformation, GrownFit, fit_with_growing_controls};
 pub use sequence::{FrameFit, ShellTracker};
-pub use support::VertexSupport;
+pub use support::{VertexResiduals, VertexSupport};
 
 use crate::camera::Camera;
 use crate::deformation::{Deformation, parameter_row};
@@ -102,6 +104,8 @@ pub struct ShellFitOptions {
     /// extra stiffness. Use it for a start computed from the readings themselves: its agreement with them is
     /// no evidence that it is correct.
     pub start_sigma: Option<f64>,
+    /// State from which the fit continues. It skips the coarsest fields.
+    pub resume: Option<ResumePoint>,
     /// Prior of the parameters.
     pub prior: Option<ParameterPrior>,
     /// Maximum number of facets into which a mesh is subdivided for spherical metaballs.
@@ -121,10 +125,22 @@ impl Default for ShellFitOptions {
             rigidity: None,
             start: None,
             start_sigma: None,
+            resume: None,
             prior: None,
             max_facets: 200_000,
         }
     }
+}
+
+/// State of an earlier fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResumePoint {
+    /// The parameters. Smoothness still applies to displacements from [`ShellFitOptions::start`].
+    pub parameters: DVector<f64>,
+    /// The cameras of the views.
+    pub cameras: Vec<Camera>,
+    /// The smoothness weight `λ`, a start for its estimation.
+    pub smoothness_weight: f64,
 }
 
 /// Gaussian prior of the parameters.
@@ -173,6 +189,8 @@ pub struct ShellFit {
     pub unresolved_at: Vec<f64>,
     /// How points support each vertex; empty for fits without points.
     pub support: Vec<VertexSupport>,
+    /// Residuals of the points around each vertex; empty for fits without points.
+    pub residuals_at: Vec<VertexResiduals>,
     /// Number of points that the fit rejected although they agree with their neighbours: surface that the
     /// mesh does not follow.
     pub unfollowed_points: usize,
@@ -355,6 +373,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let lengths = [
         ("the prior", options.prior.as_ref().map(|prior| &prior.mean)),
         ("the start", options.start.as_ref()),
+        ("the state to resume", options.resume.as_ref().map(|resume| &resume.parameters)),
     ];
     for (name, vector) in lengths {
         if let Some(q) = vector.filter(|q| q.len() != parameters) {

@@ -55,7 +55,9 @@ mod rigidity;
 mod skeleton;
 
 pub use camera::Camera;
-pub use controls::{Controls, automatic_controls, automatic_controls_skipping, nearest_pairs, stiffness};
+pub use controls::{
+    ControlSampling, Controls, automatic_controls, automatic_controls_skipping, nearest_pairs, stiffness,
+};
 pub use deformation::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts,
     VertexDisplacements, displaced_positions, displacements, parameter_row,
@@ -63,9 +65,10 @@ pub use deformation::{
 pub use delaunay::Delaunay;
 pub use field::{FacetShare, Metaball, Shell, ShellDistance, ShellOptions, subdivide_for_spheres};
 pub use fit::{
-    FeatureObservation, FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading,
-    PoseNoise, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView, SourceFit,
-    VertexSupport, fit_points, fit_shell, fit_shell_with_progress, stiffness_for_xyz,
+    ControlGrowth, ControlledDeformation, FeatureObservation, FeatureTrack, FrameFit, GrownFit, OutlineKind,
+    OutlinePoint, ParameterPrior, PointReading, PoseNoise, ResumePoint, ShellFit, ShellFitOptions,
+    ShellProgress, ShellReadings, ShellTracker, ShellView, SourceFit, VertexResiduals, VertexSupport,
+    fit_points, fit_shell, fit_shell_with_progress, fit_with_growing_controls, stiffness_for_xyz,
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

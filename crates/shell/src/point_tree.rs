@@ -1,75 +1,45 @@
-//! Nearest points, by a balanced k-d tree.
+//! Nearest points, by a k-d tree.
 //!
 //! In: points. Out: for a place, its nearest ones with their distances, nearest first; equal distances in the
-//! order of the points. Cost: `n log n` to build, about `log n` for each neighbour.
+//! order of the points. Of several points at the largest distance, the tree chooses which are among the
+//! nearest, always the same ones for the same points. Cost: `n log n` to build, about `log n` for each
+//! neighbour.
 
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_core::DVec3;
-
-/// Points per leaf.
-const LEAF: usize = 8;
+use planish_core::vector3::as_arrays;
+use planish_estimate::{Error, Result};
+use std::num::NonZero;
 
 /// Points that can be searched.
 pub(crate) struct PointTree {
-    points: Vec<DVec3>,
-    /// Indices of the points; each node is the middle of its range, which splits the rest by x, y and z in
-    /// turn.
-    order: Vec<u32>,
+    /// `None` if there are no points.
+    tree: Option<ImmutableKdTree<f64, 3>>,
 }
 
 impl PointTree {
-    pub(crate) fn new(points: Vec<DVec3>) -> Self {
-        let mut order: Vec<u32> = (0..points.len() as u32).collect();
-        split(&points, &mut order, 0);
-        Self { points, order }
+    /// # Errors
+    /// `Undetermined` for points that cannot be searched, such as ones that are not finite.
+    pub(crate) fn new(points: &[DVec3]) -> Result<Self> {
+        let tree = match points.is_empty() {
+            true => None,
+            false => Some(ImmutableKdTree::new_from_slice(as_arrays(points)).map_err(|e| {
+                Error::undetermined(format!("the points cannot be searched for neighbours: {e:?}"))
+            })?),
+        };
+        Ok(Self { tree })
     }
 
     /// The `count` nearest points with their distances; fewer if there are fewer.
     pub(crate) fn nearest(&self, at: DVec3, count: usize) -> Vec<(f64, u32)> {
-        let mut found: Vec<(f64, u32)> = Vec::with_capacity(count + 1);
-        self.search(&self.order, 0, at, count, &mut found);
-        found.iter_mut().for_each(|(square, _)| *square = square.sqrt());
+        let (Some(tree), Some(count)) = (&self.tree, NonZero::new(count)) else {
+            return Vec::new();
+        };
+        let near = tree.query(at.as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
+        let mut found: Vec<(f64, u32)> = near.iter().map(|n| (n.distance.sqrt(), n.item)).collect();
+        found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         found
     }
-
-    fn search(&self, range: &[u32], axis: usize, at: DVec3, count: usize, found: &mut Vec<(f64, u32)>) {
-        if range.len() <= LEAF {
-            range.iter().for_each(|i| self.consider(*i, at, count, found));
-            return;
-        }
-        let middle = range.len() / 2;
-        let off = at[axis] - self.points[range[middle] as usize][axis];
-        let (below, above) = (&range[..middle], &range[middle + 1..]);
-        let (near, far) = if off < 0.0 { (below, above) } else { (above, below) };
-        self.search(near, (axis + 1) % 3, at, count, found);
-        self.consider(range[middle], at, count, found);
-        if found.len() < count || found.last().is_some_and(|(worst, _)| off * off <= *worst) {
-            self.search(far, (axis + 1) % 3, at, count, found);
-        }
-    }
-
-    fn consider(&self, i: u32, at: DVec3, count: usize, found: &mut Vec<(f64, u32)>) {
-        let key = (at.distance_squared(self.points[i as usize]), i);
-        let before = |other: &(f64, u32)| other.0.total_cmp(&key.0).then(other.1.cmp(&key.1)).is_lt();
-        let place = found.partition_point(before);
-        if place < count {
-            found.insert(place, key);
-            found.truncate(count);
-        }
-    }
-}
-
-/// Sorts a range of points into a tree whose levels split by x, y and z in turn.
-fn split(points: &[DVec3], range: &mut [u32], axis: usize) {
-    if range.len() <= LEAF {
-        return;
-    }
-    let middle = range.len() / 2;
-    let order =
-        |a: &u32, b: &u32| points[*a as usize][axis].total_cmp(&points[*b as usize][axis]).then(a.cmp(b));
-    range.select_nth_unstable_by(middle, order);
-    let (below, above) = range.split_at_mut(middle);
-    split(points, below, (axis + 1) % 3);
-    split(points, &mut above[1..], (axis + 1) % 3);
 }
 
 #[cfg(test)]
@@ -78,23 +48,27 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// The nearest points are those of an exhaustive search, also among equal ones and beyond their number.
+    /// The distances of the nearest points are those of an exhaustive search, also of equal points and beyond
+    /// their number. Points at equal distances are in their order.
     #[test]
     fn nearest_points_agree_with_a_full_search() {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut number = || f64::from(random.random_range(0..12_u32));
-        let points: Vec<DVec3> = (0..500).map(|_| DVec3::new(number(), number(), number())).collect();
-        let tree = PointTree::new(points.clone());
+        let mut points: Vec<DVec3> = (0..500).map(|_| DVec3::new(number(), number(), number())).collect();
+        points.extend([DVec3::ONE; 100]);
+        let tree = PointTree::new(&points).unwrap();
         for _ in 0..50 {
             let at = 0.7 * DVec3::new(number(), number(), number());
-            let mut all: Vec<(f64, u32)> =
-                (points.iter().enumerate()).map(|(i, p)| (p.distance_squared(at), i as u32)).collect();
-            all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            let expected: Vec<u32> = all.iter().take(9).map(|(_, i)| *i).collect();
-            let found: Vec<u32> = tree.nearest(at, 9).into_iter().map(|(_, i)| i).collect();
-            assert_eq!(found, expected);
+            let mut all: Vec<f64> = points.iter().map(|p| p.distance(at)).collect();
+            all.sort_by(f64::total_cmp);
+            let found = tree.nearest(at, 9);
+            for (k, (distance, i)) in found.iter().enumerate() {
+                assert!((distance - all[k]).abs() < 1e-12);
+                assert!((points[*i as usize].distance(at) - distance).abs() < 1e-12);
+                assert!(k == 0 || found[k - 1].0 < *distance || found[k - 1].1 < *i);
+            }
         }
-        assert_eq!(tree.nearest(DVec3::ZERO, 900).len(), 500);
-        assert!(PointTree::new(Vec::new()).nearest(DVec3::ZERO, 3).is_empty());
+        assert_eq!(tree.nearest(DVec3::ZERO, 900).len(), 600);
+        assert!(PointTree::new(&[]).unwrap().nearest(DVec3::ZERO, 3).is_empty());
     }
 }

@@ -39,9 +39,9 @@ Keys of one view or of all views:
   tracks             CSV (track,view,x,y) of features tracked over views; for all views only
 
 Meshes may be open and non-manifold. For silhouettes, their faces need consistent orientation. PLY and GLB \
-have sigma along the normal, and observed: 1 if more than half of the information comes from the readings. \
-OBJ and GLB keep the texture and the texture coordinates of an OBJ or GLB. Rigid parts rotate only by small \
-angles, because the fit is linear in them.";
+have sigma along the normal, and observed: 1 if points are near, or if outlines give most of the \
+information; 3 if the mesh does not follow the points there. OBJ and GLB keep the texture and the texture \
+coordinates of an OBJ or GLB. Rigid parts turn by up to about 45°.";
 
 /// Arguments of `planish shell fit`.
 #[derive(Debug, Args)]
@@ -72,14 +72,15 @@ pub struct ShellFitArgs {
     /// How the mesh is deformed
     #[arg(long, value_enum, default_value_t = DeformationName::Dirichlet, help_heading = "Deformation")]
     deformation: DeformationName,
-    /// Number of controls
+    /// Number of controls [default: 60, and up to 400 where points need more]
     ///
-    /// Controls are chosen on the mesh, denser where it is curved. For a lattice it is the total number of
-    /// points, rounded to a cube of at least 8. For modes it is the maximum number of modes.
+    /// Controls are chosen on the mesh, denser where it is curved. By default, fits to points add controls
+    /// where the mesh does not follow them; sequences do not. For a lattice it is the total number of points,
+    /// rounded to a cube of at least 8. For modes it is the maximum number of modes.
     // `u64`, because clap checks ranges of fixed-width integers only.
-    #[arg(long, value_name = "N", default_value_t = 60,
-          value_parser = clap::value_parser!(u64).range(1..=MAX_CONTROLS), help_heading = "Deformation")]
-    controls: u64,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MAX_CONTROLS),
+          help_heading = "Deformation")]
+    controls: Option<u64>,
     /// File of points to use as controls, on or off the mesh
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true,
           help_heading = "Deformation")]
@@ -165,7 +166,7 @@ fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFit
         sequence: args.sequence.clone(),
         deformation: args.deformation.into(),
         // The parser has limited the number to 1000, so the cast loses nothing.
-        controls: args.controls as usize,
+        controls: args.controls.map(|count| count as usize),
         controls_file: args.controls_file.clone(),
         family: args.family.clone(),
         metaball: args.metaball.into(),

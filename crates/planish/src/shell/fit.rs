@@ -32,7 +32,8 @@ use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
 use planish_shell::intersection_over_union;
 use planish_shell::{
-    Camera, FrameFit, ShellFit, ShellFitOptions, ShellProgress, ShellTracker, fit_shell_with_progress,
+    Camera, ControlGrowth, ControlledDeformation, Controls, FrameFit, GrownFit, ShellFit, ShellFitOptions,
+    ShellProgress, ShellTracker, fit_shell_with_progress, fit_with_growing_controls,
 };
 use planish_surface::export::{KnownMesh, write_known_mesh};
 use planish_surface::model::SigmaSummary;
@@ -74,7 +75,9 @@ pub struct ShellFitJob {
     pub deformation: DeformationKind,
     /// Number of controls if no file is given. For a lattice, the number of its points; for modes, their
     /// maximum number.
-    pub controls: usize,
+    ///
+    /// Default: 60. Fits to points add more where the mesh does not follow them ([`ControlGrowth`]).
+    pub controls: Option<usize>,
     /// Control points.
     pub controls_file: Option<PathBuf>,
     /// The family whose modes move the mesh: the same vertices in every file.
@@ -111,7 +114,7 @@ impl Default for ShellFitJob {
             silhouettes: None,
             sequence: None,
             deformation: DeformationKind::default(),
-            controls: 60,
+            controls: None,
             controls_file: None,
             family: Vec::new(),
             rigid: Vec::new(),
@@ -144,6 +147,19 @@ impl Job for ShellFitJob {
 
     fn execute(&self, progress: &dyn Progress) -> Result<ShellFitReport> {
         fit_mesh(self, progress)
+    }
+}
+
+impl ShellFitJob {
+    /// True if controls are added where the mesh does not follow the points: unless their number or places
+    /// are given. Sequences and rough starts have a fixed number.
+    fn adds_controls(&self) -> bool {
+        self.deformation == DeformationKind::Dirichlet
+            && self.controls.is_none()
+            && self.controls_file.is_none()
+            && self.sequence.is_none()
+            && !self.rough_start
+            && !self.points.is_empty()
     }
 }
 
@@ -190,7 +206,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     progress.check("reading", 0.0)?;
     let mut start = run.start()?;
     // After the start: controls are placed on the mesh that is fitted, and modes replace its vertices.
-    let Moved { deformation, stiffness, rigidity, prior, controls } =
+    let Moved { deformation, stiffness, rigidity, prior, mut controls } =
         input::moved(job, &mut start.mesh, &start.appearance)?;
     let size = start.size(job)?;
     let options = ShellFitOptions {
@@ -214,7 +230,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     };
     // Read once for all frames.
     let picture = picture_of(&start.appearance, &mut run.findings);
-    let (mut of_frames, mut last) = (Vec::new(), None);
+    let (mut of_frames, mut last, mut grown) = (Vec::new(), None, None);
     for (k, files) in frames.iter().enumerate() {
         let stage =
             FrameStage { number: k, count: frames.len(), tracked: tracker.is_some(), name: &files.name };
@@ -222,16 +238,22 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         let mut watch = |at: ShellProgress| stage.report(progress, &at);
         let fitted = match &mut tracker {
             Some(tracker) => tracker.follow_with_progress(&frame.readings(), &mut watch),
+            None if job.adds_controls() => grown_fit(job, &start, &frame, &options, &mut watch).map(|made| {
+                controls = made.controls.points.len();
+                grown = Some(made.deformation);
+                single(made.fit)
+            }),
             None => {
                 fit_shell_with_progress(&start.mesh, &*deformation, &frame.readings(), &options, &mut watch)
-                    .map(|fit| FrameFit { fit, predicted: None, acceleration: 0.0 })
+                    .map(single)
             }
         };
         let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
+        let deformation = grown.as_ref().unwrap_or(&deformation);
         // The fit moves vertices and keeps triangles.
         let found =
             TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };
-        let (normals, sigma, observed) = report::known(&found, &fit, &*deformation, &start.sigma);
+        let (normals, sigma, observed) = report::known(&found, &fit, &**deformation, &start.sigma);
         let known = KnownMesh {
             mesh: &found,
             normals: &normals,
@@ -254,6 +276,30 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     // The figures and the page are those of the last frame.
     let last = last.ok_or_else(|| Error::input("expected at least one frame in the sequence, found none"))?;
     run.finish(start, last, controls, of_frames)
+}
+
+/// A fit that follows no other frame.
+fn single(fit: ShellFit) -> FrameFit {
+    FrameFit { fit, predicted: None, acceleration: 0.0 }
+}
+
+/// Fits with controls that are added where the mesh does not follow the points.
+fn grown_fit(
+    job: &ShellFitJob,
+    start: &Start,
+    frame: &Frame,
+    options: &ShellFitOptions,
+    watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
+) -> Result<GrownFit> {
+    let parts = input::rigid_parts(job, &start.appearance)?;
+    let controlled = input::deformable_part(&start.mesh, &parts);
+    let build = |controls: &Controls| {
+        let Moved { deformation, stiffness, rigidity, .. } =
+            input::of_controls(job, &start.mesh, &parts, controls)?;
+        Ok(ControlledDeformation { deformation, stiffness, rigidity })
+    };
+    let growth = ControlGrowth::default();
+    fit_with_growing_controls(&start.mesh, &controlled, &build, &frame.readings(), options, growth, watch)
 }
 
 /// State collected during a run.

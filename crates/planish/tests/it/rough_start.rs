@@ -82,7 +82,7 @@ fn scene(folder: &Path) -> ShellFitJob {
         silhouettes: Some(folder.join("views.toml")),
         sequence: None,
         deformation: DeformationKind::Dirichlet,
-        controls: 60,
+        controls: Some(60),
         controls_file: None,
         family: Vec::new(),
         rigid: Vec::new(),

@@ -49,7 +49,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
         silhouettes: None,
         sequence: None,
         deformation: DeformationKind::Dirichlet,
-        controls: 20,
+        controls: Some(20),
         controls_file: None,
         family: Vec::new(),
         rigid: Vec::new(),

@@ -19,6 +19,11 @@ pub(super) type ByPose = (u32, [f64; 6]);
 
 /// Maximum total size of the partial sums of one pass, in numbers: a memory limit of about 320 MB.
 const MAX_SUM_NUMBERS: usize = 40_000_000;
+/// Total size of the partial sums above which there are only as many as threads need: clearing and adding
+/// them takes longer than the equations.
+const LARGE_SUM_NUMBERS: usize = 4_000_000;
+/// Numbers of partial sums: of large ones at least, and of small ones at most.
+const SUMS: (usize, usize) = (8, 32);
 
 /// The kind of reading of an equation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -198,13 +203,15 @@ pub(super) fn sum(
     let size = basis + 6 * poses;
     // Groups do not depend on the number of threads, so that sums have a fixed order.
     // Each group has a matrix of its own, so memory limits their number.
-    let groups = (MAX_SUM_NUMBERS / (size * size).max(1)).clamp(2, 32);
+    let numbers = (size * size).max(1);
+    let groups = (LARGE_SUM_NUMBERS / numbers).clamp(SUMS.0, SUMS.1).min((MAX_SUM_NUMBERS / numbers).max(2));
     let per_group = all.len().div_ceil(groups).max(1);
     let sums: Vec<NormalEquations> = (all.par_chunks(per_group))
         .map(|group| {
             let mut pass =
                 NormalEquations { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
             let (mut row, mut touched) = (vec![0.0; size], Vec::new());
+            let mut entries: Vec<f64> = Vec::new();
             for (equation, vertices, own_poses) in group.iter().flat_map(Equations::iter) {
                 if equation.source == Source::Region && !with_regions {
                     continue;
@@ -229,12 +236,15 @@ pub(super) fn sum(
                 visit_row(deformation, vertices, own_poses, &mut give);
                 touched.sort_unstable();
                 touched.dedup();
+                entries.clear();
+                entries.extend(touched.iter().map(|k| row[*k]));
                 for (n, &i) in touched.iter().enumerate() {
-                    let scaled = weight * row[i];
+                    let scaled = weight * entries[n];
                     pass.vector[i] -= scaled * equation.distance;
                     // Only the lower triangle is summed; it is mirrored once at the end.
-                    for &j in &touched[n..] {
-                        pass.information[(j, i)] += scaled * row[j];
+                    let column = &mut pass.information.as_mut_slice()[i * size..(i + 1) * size];
+                    for (&j, entry) in touched[n..].iter().zip(&entries[n..]) {
+                        column[j] += scaled * entry;
                     }
                 }
                 // Cleared by entry: a row has some dozens of entries of thousands.
@@ -283,9 +293,12 @@ fn reduced(pass: NormalEquations, deformation: &dyn Deformation, poses: usize) -
     let (basis, parameters, rest) = (deformation.basis(), deformation.parameters(), 6 * poses);
     let n = &pass.information;
     let size = parameters + rest;
+    let reduction = Reduction::new(r);
     let mut information = DMatrix::zeros(size, size);
-    let own = r.tr_mul(&(n.view((0, 0), (basis, basis)) * r));
-    let mixed = r.tr_mul(&n.view((0, basis), (basis, rest)));
+    // `Rᵀ (N R) = Rᵀ (Rᵀ N)ᵀ` for a symmetric `N`.
+    let own = reduction.transposed_product(&n.view((0, 0), (basis, basis)).into_owned());
+    let own = reduction.transposed_product(&own.transpose());
+    let mixed = reduction.transposed_product(&n.view((0, basis), (basis, rest)).into_owned());
     information.view_mut((0, 0), (parameters, parameters)).copy_from(&own);
     information.view_mut((0, parameters), (parameters, rest)).copy_from(&mixed);
     information.view_mut((parameters, 0), (rest, parameters)).copy_from(&mixed.transpose());
@@ -295,4 +308,61 @@ fn reduced(pass: NormalEquations, deformation: &dyn Deformation, poses: usize) -
     vector.rows_mut(0, parameters).copy_from(&r.tr_mul(&pass.vector.rows(0, basis)));
     vector.rows_mut(parameters, rest).copy_from(&pass.vector.rows(basis, rest));
     NormalEquations { information, vector }
+}
+
+/// A matrix `R` from parameters to the basis of the rows, most of whose rows have a single entry.
+struct Reduction {
+    /// Row, column and value of each row with one entry.
+    single: Vec<(usize, usize, f64)>,
+    /// Rows with more entries, and their numbers.
+    dense: DMatrix<f64>,
+    dense_rows: Vec<usize>,
+}
+
+impl Reduction {
+    fn new(matrix: &DMatrix<f64>) -> Self {
+        let mut entries = vec![(0_usize, 0_usize); matrix.nrows()];
+        for (column, values) in matrix.column_iter().enumerate() {
+            for (entry, value) in entries.iter_mut().zip(values) {
+                if *value != 0.0 {
+                    *entry = (entry.0 + 1, column);
+                }
+            }
+        }
+        let single = (entries.iter().enumerate())
+            .filter(|(_, (count, _))| *count == 1)
+            .map(|(row, (_, column))| (row, *column, matrix[(row, *column)]))
+            .collect();
+        let dense_rows: Vec<usize> = (0..matrix.nrows()).filter(|row| entries[*row].0 > 1).collect();
+        Self { single, dense: matrix.select_rows(&dense_rows), dense_rows }
+    }
+
+    /// `Rᵀ A`, in `n` multiplications for each dense row and column of `A`.
+    fn transposed_product(&self, a: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut made = self.dense.tr_mul(&a.select_rows(&self.dense_rows));
+        for column in 0..a.ncols() {
+            for &(row, parameter, value) in &self.single {
+                made[(parameter, column)] += value * a[(row, column)];
+            }
+        }
+        made
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The product with a sparse matrix is that with the dense one.
+    #[test]
+    fn reductions_multiply_as_their_matrix() {
+        let matrix = DMatrix::from_fn(9, 5, |i, j| match i {
+            0..5 => f64::from(u8::from(i == 4 - j)) * 2.0,
+            5 => 0.0,
+            _ => (i * 5 + j) as f64 - 30.0,
+        });
+        let a = DMatrix::from_fn(9, 7, |i, j| ((3 * i + 5 * j) % 11) as f64);
+        let found = Reduction::new(&matrix).transposed_product(&a);
+        assert!((found - matrix.tr_mul(&a)).amax() < 1e-12);
+    }
 }

@@ -90,6 +90,7 @@ pub(super) fn finished(
         unresolved_at: around.shape,
         support: around.of_vertices,
         unfollowed_points: around.unfollowed,
+        residuals_at: around.residuals,
         data_vector,
         data_information: of_data.information,
         termination: Termination::Limit,
@@ -142,7 +143,12 @@ fn point_feet(
         .filter(|(e, ..)| e.source == Source::Point && counts(e))
         .map(|(e, by_vertices, _)| {
             let point = priors.readings.points[e.reading as usize].at;
-            PointFoot { at: foot(point, e.distance, by_vertices), residual: e.distance, follows: true }
+            PointFoot {
+                at: foot(point, e.distance, by_vertices),
+                residual: e.distance,
+                sigma: e.sigma,
+                follows: true,
+            }
         })
         .collect()
 }
@@ -159,9 +165,9 @@ fn unfollowed_feet(
     let sigmas: Vec<f64> = points.iter().map(|p| (p.covariance.trace() / 3.0).sqrt()).collect();
     let rejected = source_fit(equations, Source::Point, points.len(), factors, priors).outliers;
     let search = MeshSearch::try_new(found)?;
-    let feet = unfollowed(&places, &sigmas, &rejected).into_iter().filter_map(|i| {
+    let feet = unfollowed(&places, &sigmas, &rejected)?.into_iter().filter_map(|i| {
         let foot = search.closest(places[i as usize])?;
-        Some(PointFoot { at: foot.point, residual: foot.distance, follows: false })
+        Some(PointFoot { at: foot.point, residual: foot.distance, sigma: sigmas[i as usize], follows: false })
     });
     Ok(feet.collect())
 }

@@ -68,6 +68,11 @@ impl Smoothness {
         Ok(Self { energy, rank, weight: 0.0, max_weight })
     }
 
+    /// Starts with the weight of an earlier fit.
+    pub(super) fn resume(&mut self, weight: f64) {
+        self.weight = weight.min(self.max_weight);
+    }
+
     /// True if rotations of parts have no energy.
     pub(super) fn allows_rotations(&self) -> bool {
         matches!(self.energy, Energy::AsRigidAsPossible(_))

@@ -67,6 +67,9 @@ const MAX_REDUNDANCY_UNKNOWNS: usize = 3000;
 ///
 /// A coarse field only provides the start of the next one, so a subset is enough.
 const COARSE_POINTS: (usize, usize) = (12, 5000);
+/// Number of stages of a fit that continues an earlier one. The last field alone does not reach shape that
+/// the earlier fit did not follow.
+const RESUMED_STEPS: usize = 2;
 /// Mean step per unknown, in σ, below which the last stage has converged.
 const CONVERGED_STEP: f64 = 0.1;
 /// The same for a coarse stage, which only provides the start of the next one.
@@ -90,8 +93,10 @@ pub(super) fn solve(
     let mut search = Search::new(deformation.parameters(), poses, readings, options)?;
     let unknowns = deformation.parameters() + 6 * search.priors.poses.len();
     let setup = Setup::new(mesh, deformation, readings, options, slots, oriented, unknowns)?;
-    // From coarse to sharp: each field only has to bring the mesh within reach of the next one.
-    for step in 0..options.steps - 1 {
+    // From coarse to sharp: each field only has to bring the mesh within reach of the next one. An earlier
+    // fit has already used the coarsest fields.
+    let first = if options.resume.is_some() { options.steps.saturating_sub(RESUMED_STEPS) } else { 0 };
+    for step in first..options.steps - 1 {
         run_stage(&setup, &mut search, step, 1.0, watch)?;
     }
     let mut folds = FoldControl::default();
@@ -277,10 +282,26 @@ impl<'a> Search<'a> {
             (None, Some(prior)) => prior.mean.clone(),
             (None, None) => DVector::zeros(parameters),
         };
-        let smooth = Smoothness::new(stiffness, options.rigidity.clone(), options.start_sigma)?;
-        let cameras = readings.views.iter().map(|view| view.camera).collect();
+        let mut smooth = Smoothness::new(stiffness, options.rigidity.clone(), options.start_sigma)?;
+        let state = match &options.resume {
+            Some(resume) if resume.cameras.len() == readings.views.len() => {
+                smooth.resume(resume.smoothness_weight);
+                State { q: resume.parameters.clone(), cameras: resume.cameras.clone() }
+            }
+            Some(resume) => {
+                return Err(Error::input(format!(
+                    "expected a camera for each of {} views in the state to resume, found {}",
+                    readings.views.len(),
+                    resume.cameras.len()
+                )));
+            }
+            None => {
+                let cameras = readings.views.iter().map(|view| view.camera).collect();
+                State { q: start.clone(), cameras }
+            }
+        };
         Ok(Self {
-            state: State { q: start.clone(), cameras },
+            state,
             priors: Priors { smooth, options, start, poses, readings },
             factors: [1.0; SCALES],
             redundancy_used: 0.0,
@@ -314,7 +335,8 @@ impl<'a> Search<'a> {
     /// A distant mesh approaches almost rigidly at first: the facets that attract it are not yet the ones
     /// that correspond to the readings.
     fn stiffening(&self, step: usize) -> f64 {
-        if step > 0 || self.priors.options.start_sigma.is_some() {
+        let options = self.priors.options;
+        if step > 0 || options.start_sigma.is_some() || options.resume.is_some() {
             return 0.0;
         }
         let (first, decay) =

@@ -60,6 +60,8 @@ pub(super) struct PointFoot {
     pub at: DVec3,
     /// Distance of the point from the mesh.
     pub residual: f64,
+    /// Its stated σ.
+    pub sigma: f64,
     /// False if the fit rejected the point although it agrees with its neighbours.
     pub follows: bool,
 }
@@ -75,6 +77,38 @@ pub enum VertexSupport {
     NotFollowed,
 }
 
+/// Sums over the points that are nearer to a vertex than to others.
+///
+/// The sum of squares contains noise and shape that the mesh does not follow, that of products only the
+/// latter, because the noise of neighbours is independent.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct VertexResiduals {
+    /// Number of points that the fit did not reject.
+    pub points: u32,
+    /// Sum of their squared residuals, in stated σ.
+    pub squares: f64,
+    /// Sum of the products of their residuals with the mean of their twelve neighbours'.
+    pub products: f64,
+    /// Number of rejected points that agree with their neighbours.
+    pub unfollowed: u32,
+    /// Sum of their squared residuals.
+    pub unfollowed_squares: f64,
+}
+
+impl VertexResiduals {
+    /// Number of neighbours whose mean residual is one factor of a product.
+    pub const NEIGHBOURS: usize = PRODUCT_NEIGHBOURS;
+
+    /// Adds the sums of another vertex.
+    pub fn add(&mut self, other: &Self) {
+        self.points += other.points;
+        self.squares += other.squares;
+        self.products += other.products;
+        self.unfollowed += other.unfollowed;
+        self.unfollowed_squares += other.unfollowed_squares;
+    }
+}
+
 /// Support and unresolved shape of all vertices.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Support {
@@ -83,11 +117,16 @@ pub(super) struct Support {
     pub shape: Vec<f64>,
     /// Number of rejected points that agree with their neighbours.
     pub unfollowed: usize,
+    /// Sums of residuals of the nearest points of each vertex.
+    pub residuals: Vec<VertexResiduals>,
 }
 
 /// Rejected points that lie on a plane through their neighbours; `sigmas` are those of one point each.
-pub(super) fn unfollowed(points: &[DVec3], sigmas: &[f64], rejected: &[bool]) -> Vec<u32> {
-    let tree = PointTree::new(points.to_vec());
+///
+/// # Errors
+/// As [`PointTree::new`].
+pub(super) fn unfollowed(points: &[DVec3], sigmas: &[f64], rejected: &[bool]) -> Result<Vec<u32>> {
+    let tree = PointTree::new(points)?;
     let (count, used) = PLANE_NEIGHBOURS;
     let around = |i: u32| {
         let mut near = tree.nearest(points[i as usize], count + 1);
@@ -123,7 +162,7 @@ pub(super) fn unfollowed(points: &[DVec3], sigmas: &[f64], rejected: &[bool]) ->
     let mut is_found = vec![false; points.len()];
     found.iter().for_each(|i| is_found[*i as usize] = true);
     let has_company = |i: &u32| around(*i).iter().filter(|(_, j)| is_found[*j as usize]).count() >= MIN_NEAR;
-    found.into_par_iter().filter(has_company).collect()
+    Ok(found.into_par_iter().filter(has_company).collect())
 }
 
 /// The plane of points: its centre and normal, and the rms extents across and along it (the smaller one).
@@ -144,31 +183,44 @@ fn plane(points: &[DVec3]) -> (DVec3, DVec3, f64, f64) {
 /// Support of the vertices of a fitted mesh by points; `shape` is the σ of unresolved shape over all of them.
 ///
 /// # Errors
-/// As [`MeshSearch::try_new`].
+/// As [`MeshSearch::try_new`] and [`PointTree::new`].
 pub(super) fn support(mesh: &TriangleMesh, points: &[PointFoot], shape: f64) -> Result<Support> {
     let search = MeshSearch::try_new(mesh)?;
     let normals = mesh.face_normals();
-    let sides: Vec<DVec3> = (points.par_iter())
-        .map(|p| search.closest(p.at).map_or(DVec3::ZERO, |foot| normals[foot.triangle as usize]))
-        .collect();
-    let tree = PointTree::new(points.iter().map(|p| p.at).collect());
+    // For each foot the normal of its facet, and the corner of the facet that is nearest to it.
+    let (sides, corners): (Vec<DVec3>, Vec<u32>) = (points.par_iter())
+        .map(|p| {
+            search.closest(p.at).map_or((DVec3::ZERO, 0), |foot| {
+                let mut corners = [0, 1, 2];
+                corners.sort_by(|a, b| foot.barycentric[*b].total_cmp(&foot.barycentric[*a]));
+                (normals[foot.triangle as usize], mesh.triangles[foot.triangle as usize][corners[0]])
+            })
+        })
+        .unzip();
+    let places: Vec<DVec3> = points.iter().map(|p| p.at).collect();
+    let tree = PointTree::new(&places)?;
     let around = |at: DVec3, side: DVec3, count: usize| {
         let mut near = tree.nearest(at, count);
         near.retain(|(_, i)| sides[*i as usize].dot(side) > MIN_COSINE);
         near
     };
-    // For each foot its spacing, and the product of its residual with the mean of its neighbours'.
-    let of_points: Vec<(f64, f64)> = (points.par_iter().zip(&sides).enumerate())
+    // For each foot its spacing, and the product of its residual with the mean of its neighbours'. In the
+    // unit of the mesh, and in σ.
+    let of_points: Vec<(f64, f64, f64)> = (points.par_iter().zip(&sides).enumerate())
         .map(|(i, (point, side))| {
             let mut near = around(point.at, *side, PRODUCT_NEIGHBOURS + 1);
             near.retain(|(_, j)| *j as usize != i);
             let spacing = near.get(SPACING_RANK - 1).map_or(f64::INFINITY, |(distance, _)| *distance);
             near.retain(|(_, j)| points[*j as usize].follows);
-            let sum: f64 = near.iter().map(|(_, j)| points[*j as usize].residual).sum();
-            (spacing, point.residual * sum / near.len().max(1) as f64)
+            let per = 1.0 / near.len().max(1) as f64;
+            let mean_of = |value: &dyn Fn(&PointFoot) -> f64| {
+                per * near.iter().map(|(_, j)| value(&points[*j as usize])).sum::<f64>()
+            };
+            let normalized = |p: &PointFoot| p.residual / p.sigma;
+            (spacing, point.residual * mean_of(&|p| p.residual), normalized(point) * mean_of(&normalized))
         })
         .collect();
-    let mut spacings: Vec<f64> = of_points.iter().map(|(spacing, _)| *spacing).collect();
+    let mut spacings: Vec<f64> = of_points.iter().map(|(spacing, ..)| *spacing).collect();
     spacings.sort_unstable_by(f64::total_cmp);
     let longest = MAX_SPACING * spacings.get(spacings.len() / 2).copied().unwrap_or(0.0);
     let of_vertices: Vec<(VertexSupport, f64, f64)> = (mesh.positions.par_iter())
@@ -201,7 +253,20 @@ pub(super) fn support(mesh: &TriangleMesh, points: &[PointFoot], shape: f64) -> 
         VertexSupport::None => shape,
         _ => (scale * followed + unfollowed).sqrt(),
     };
+    let mut residuals = vec![VertexResiduals::default(); mesh.positions.len()];
+    for ((point, vertex), (.., product)) in points.iter().zip(corners).zip(&of_points) {
+        let (own, square) = (&mut residuals[vertex as usize], (point.residual / point.sigma).powi(2));
+        if point.follows {
+            own.points += 1;
+            own.squares += square;
+            own.products += product;
+        } else {
+            own.unfollowed += 1;
+            own.unfollowed_squares += square;
+        }
+    }
     Ok(Support {
+        residuals,
         shape: of_vertices.iter().map(sigma).collect(),
         of_vertices: of_vertices.into_iter().map(|(support, ..)| support).collect(),
         unfollowed: points.iter().filter(|p| !p.follows).count(),
@@ -234,6 +299,7 @@ mod tests {
             .map(|(i, p)| PointFoot {
                 at: p.normalize(),
                 residual: p.length() - 1.0,
+                sigma: 0.004,
                 follows: !unfollowed.contains(&(i as u32)),
             })
             .collect()
@@ -281,7 +347,7 @@ mod tests {
             points.iter().zip(&wrong).map(|(p, wrong)| !wrong && is_bump(p.normalize())).collect();
         let rejected: Vec<bool> = bump.iter().zip(&wrong).map(|(a, b)| *a || *b).collect();
         let sigmas = vec![0.003; points.len()];
-        let found = unfollowed(&points, &sigmas, &rejected);
+        let found = unfollowed(&points, &sigmas, &rejected).unwrap();
         let right = found.iter().filter(|i| bump[**i as usize]).count();
         let all = bump.iter().filter(|is| **is).count();
         assert!(10 * right > 8 * all, "{right} of {all}");

@@ -1,5 +1,5 @@
 use super::*;
-use crate::controls::{automatic_controls, stiffness};
+use crate::controls::{Controls, automatic_controls, stiffness};
 use crate::deformation::{Dirichlet, Lattice, LatticeBasis};
 use crate::deformation::{PartMotion, RigidPart, RigidParts, displaced_positions, displacements};
 use planish_core::SymmetricMatrix3;
@@ -8,6 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+mod growth;
 mod outlines;
 mod oversized_plate;
 mod sequence;

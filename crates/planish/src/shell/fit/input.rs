@@ -14,9 +14,10 @@ use planish_mesh::TriangleMesh;
 use planish_report::numbers::counted;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
-    Deformation, Dirichlet, FeatureObservation, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind,
-    OutlinePoint, ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts, Rigidity, ShellReadings,
-    ShellView, VertexDisplacements, automatic_controls, nearest_pairs, stiffness, stiffness_for_xyz,
+    ControlGrowth, Controls, Deformation, Dirichlet, FeatureObservation, FeatureTrack, Lattice, LatticeBasis,
+    Modes, OutlineKind, OutlinePoint, ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts,
+    Rigidity, ShellReadings, ShellView, VertexDisplacements, automatic_controls, nearest_pairs, stiffness,
+    stiffness_for_xyz,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -184,15 +185,52 @@ impl Units {
 
 /// The deformation that a job asks for, with its rigid parts.
 pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &TexturedMesh) -> Result<Moved> {
-    let mut parts = Vec::new();
-    for part in &job.rigid {
-        parts.push(RigidPart {
-            vertices: part_vertices(appearance, part).map_err(|e| e.in_context(job.mesh.display()))?,
-            motion: PartMotion::Free,
-        });
-    }
+    let parts = rigid_parts(job, appearance)?;
     let inner = without_parts(job, mesh, &parts)?;
-    if job.rigid.is_empty() {
+    with_parts(job, mesh, &parts, inner)
+}
+
+/// The rigid parts of a job.
+pub(super) fn rigid_parts(job: &ShellFitJob, appearance: &TexturedMesh) -> Result<Vec<RigidPart>> {
+    let part = |name: &String| {
+        let vertices = part_vertices(appearance, name).map_err(|e| e.in_context(job.mesh.display()))?;
+        Ok(RigidPart { vertices, motion: PartMotion::Free })
+    };
+    job.rigid.iter().map(part).collect()
+}
+
+/// A deformation of controls on a mesh, with its rigid parts.
+pub(super) fn of_controls(
+    job: &ShellFitJob,
+    mesh: &TriangleMesh,
+    parts: &[RigidPart],
+    controls: &Controls,
+) -> Result<Moved> {
+    let dirichlet = Box::new(Dirichlet::new(&controls.points, &mesh.positions)?);
+    let inner = free(dirichlet, &controls.points, &controls.triangles, &controls.edges)?;
+    with_parts(job, mesh, parts, inner)
+}
+
+/// A deformation of free controls.
+fn free(
+    deformation: Box<dyn Deformation>,
+    rest: &[DVec3],
+    triangles: &[[u32; 3]],
+    edges: &[[u32; 2]],
+) -> Result<Moved> {
+    let k = stiffness(rest, triangles, edges);
+    Ok(Moved {
+        deformation,
+        rigidity: Some(Rigidity::new(rest, edges, &k)?),
+        stiffness: Some(stiffness_for_xyz(&k)),
+        prior: None,
+        controls: rest.len(),
+    })
+}
+
+/// A deformation whose parts stay rigid.
+fn with_parts(job: &ShellFitJob, mesh: &TriangleMesh, parts: &[RigidPart], inner: Moved) -> Result<Moved> {
+    if parts.is_empty() {
         return Ok(inner);
     }
     // Rigid parts reduce the smoothness energy to fewer unknowns. Modes have a prior instead of an energy.
@@ -201,13 +239,13 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
     };
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     let blend = job.blend.unwrap_or(DEFAULT_BLEND * size);
-    let made = RigidParts::new(mesh, inner.deformation, &parts, blend)
+    let made = RigidParts::new(mesh, inner.deformation, parts, blend)
         .map_err(|e| e.in_context(job.mesh.display()))?;
     Ok(Moved { stiffness: Some(made.stiffness(stiffness)), deformation: Box::new(made), ..inner })
 }
 
 /// The triangles of a mesh outside rigid parts, on the same vertices. All triangles if none remain.
-fn deformable_part(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
+pub(super) fn deformable_part(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
     let mut rigid = vec![false; mesh.positions.len()];
     for v in parts.iter().flat_map(|part| &part.vertices) {
         if let Some(rigid) = rigid.get_mut(*v as usize) {
@@ -245,30 +283,20 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
              one",
         ));
     }
-    let free =
-        |deformation: Box<dyn Deformation>, rest: &[DVec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]| {
-            let k = stiffness(rest, triangles, edges);
-            Ok::<_, Error>(Moved {
-                deformation,
-                rigidity: Some(Rigidity::new(rest, edges, &k)?),
-                stiffness: Some(stiffness_for_xyz(&k)),
-                prior: None,
-                controls: rest.len(),
-            })
-        };
+    let count = job.controls.unwrap_or(ControlGrowth::default().initial);
     Ok(match (job.deformation, given) {
         (DeformationKind::Dirichlet, Some(points)) => {
             let dirichlet = Box::new(Dirichlet::new(&points, &mesh.positions)?);
             free(dirichlet, &points, &[], &nearest_pairs(&points, NEIGHBOURS))?
         }
         (DeformationKind::Dirichlet, None) => {
-            let made = automatic_controls(&deformable_part(mesh, parts), job.controls)?;
+            let made = automatic_controls(&deformable_part(mesh, parts), count)?;
             let dirichlet = Box::new(Dirichlet::new(&made.points, &mesh.positions)?);
             free(dirichlet, &made.points, &made.triangles, &made.edges)?
         }
         (DeformationKind::Lattice, _) => {
             // The number of controls is that of the whole lattice, so its cube root is that of one edge.
-            let along = ((job.controls as f64).cbrt().round() as usize).max(2);
+            let along = ((count as f64).cbrt().round() as usize).max(2);
             // Bernstein polynomials act on the whole mesh. With many points, B-splines keep the effect of
             // each local.
             let basis = if along >= 5 { LatticeBasis::CubicBSpline } else { LatticeBasis::Bernstein };
@@ -294,7 +322,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             for path in &job.family {
                 family.push(read_mesh(path)?.points);
             }
-            let modes = Modes::from_meshes(&family, job.controls)?;
+            let modes = Modes::from_meshes(&family, count)?;
             // Modes move vertices by their number. With other vertices, the result would be meaningless.
             if modes.mean().len() != mesh.positions.len() {
                 return Err(Error::input(format!(
