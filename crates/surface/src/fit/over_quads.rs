@@ -74,7 +74,8 @@ const TIP_SHARE: f64 = 0.5;
 const INTERPOLATION_STEPS: usize = 20;
 const INTERPOLATED: f64 = 0.1;
 /// Largest distance of a vertex from the position that the surface should pass through there, in sides of a
-/// leaf. Where quads are narrow, longer ones overshoot, and the surface folds.
+/// leaf, for surfaces with creases. Where quads are narrow, longer ones overshoot, and the surface folds.
+/// Without creases, vertices reach tips only from far away.
 const LONGEST_OFFSET: f64 = 0.25;
 
 /// A surface over a layout of quads.
@@ -359,8 +360,9 @@ impl<'a> Draft<'a> {
                 (leaf, local, self.position([u, v]))
             })
             .collect();
+        let share = if space.has_creases() { LONGEST_OFFSET } else { f64::INFINITY };
         let longest: Vec<f64> =
-            wanted.iter().map(|(leaf, ..)| LONGEST_OFFSET * surface.leaf_area(*leaf).sqrt()).collect();
+            wanted.iter().map(|(leaf, ..)| share * surface.leaf_area(*leaf).sqrt()).collect();
         for _ in 0..INTERPOLATION_STEPS {
             let gaps: Vec<DVec3> = (wanted.par_iter())
                 .map(|&(leaf, [s, t], wanted)| wanted - surface.leaf_point(leaf, s, t))
