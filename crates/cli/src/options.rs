@@ -14,6 +14,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::BelieveSigma => "--believe-sigma",
         Setting::Calibration => "--calib",
         Setting::CellSize => "--cell-size",
+        Setting::Close => "--close",
         Setting::CompleteSmooth => "--complete",
         Setting::Constrain => "--constrain",
         Setting::Count => "--count",

@@ -35,6 +35,7 @@ settings! {
     BelieveSigma = "believe_sigma": "Use σ of the points as stated.",
     Calibration = "calibration": "The calibration file.",
     CellSize = "cell_size": "Side of the cells of a raster.",
+    Close = "close": "Whether the surface is closed where nothing was measured.",
     CompleteSmooth = "complete_smooth": "Complete gaps smoothly.",
     Constrain = "constrain": "Find constraints between contours.",
     Count = "count": "Number of points to plan.",

@@ -195,6 +195,9 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let mut report = fitted.report.clone();
     report.findings.extend(input_findings(&set, earlier.as_ref(), &fitted.model));
     report.findings.extend(in_far_places);
+    if job.closing == Closing::Never {
+        report.findings.retain(|finding| finding.code != FindingCode::OpeningsClosed);
+    }
     if unit_of_maps {
         let text =
             "no file states its unit of length: metres are assumed, as on maps; specify the unit: m or ft";

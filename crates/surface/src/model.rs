@@ -4,6 +4,7 @@
 //! once.
 
 mod creases;
+mod departure;
 mod knowledge;
 mod point_sigmas;
 mod posterior;
@@ -13,6 +14,7 @@ mod support;
 mod topology;
 
 pub use creases::CreaseSummary;
+pub use departure::Departure;
 pub use knowledge::{Knowledge, VertexInformation};
 pub(crate) use point_sigmas::order_by_leaf;
 pub use point_sigmas::sigmas_along;

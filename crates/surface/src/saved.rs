@@ -14,6 +14,8 @@
 //! | `support_distance` | Σ 4ᵈ | distance of their middles to the nearest reading; 0 if measured |
 //! | `predictive_errors` | n × 3 | distance to the nearest reading, factor and floor of σ there, if any |
 //! | `predictive_limits` | 2 | power of the distance beyond these, and the largest σ |
+//! | `predictive_departure` | m × 2 | distance, and the share of it by which a closed surface may depart, if any |
+//! | `predictive_departure_of_cells` | L | the same share of each leaf, by the surface that closes it |
 //! | `quads` | Q × 4, u32 | corners of the quads, of a surface over quads |
 //! | `creases` | C × 2, u32 | vertices of the edges of quads across which normals jump, if any |
 //! | `corners` | u32 | vertices on creases that are marked as corners, if there are creases |
@@ -140,6 +142,8 @@ const SUPPORT_DISTANCE: &str = "support_distance";
 /// Errors where nothing was measured: see [`PredictiveSigma`](crate::model::PredictiveSigma).
 const PREDICTIVE_ERRORS: &str = "predictive_errors";
 const PREDICTIVE_LIMITS: &str = "predictive_limits";
+const DEPARTURE: &str = "predictive_departure";
+const DEPARTURE_OF_LEAVES: &str = "predictive_departure_of_cells";
 /// Corners of the quads, of a surface over quads.
 const QUADS: &str = "quads";
 /// Edges of quads across which normals jump, and vertices that are marked as corners; absent without creases.
@@ -328,6 +332,13 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         let limits = vec![predictive.growth(), predictive.largest()];
         tensors.insert(PREDICTIVE_ERRORS.to_owned(), tensor(&[errors.len() / 3, 3], TensorData::F64(errors)));
         tensors.insert(PREDICTIVE_LIMITS.to_owned(), Tensor::f64_list(limits));
+        if let Some(departure) = predictive.departure() {
+            let shares = departure.by_distance().concat();
+            let table = tensor(&[shares.len() / 2, 2], TensorData::F64(shares));
+            tensors.insert(DEPARTURE.to_owned(), table);
+            let of_leaf = Tensor::f64_list(departure.of_leaf().to_vec());
+            tensors.insert(DEPARTURE_OF_LEAVES.to_owned(), of_leaf);
+        }
     }
     if let Some(filter) = model.known.filter() {
         patches::add(&mut tensors, filter)?;

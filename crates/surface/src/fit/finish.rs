@@ -9,14 +9,18 @@
 //! | degrees | degrees of freedom that the readings of each channel determine |
 //! | held_out | comparison with the readings that were held out |
 //! | support | how each place of the surface is known |
+//! | openings | parts of a closed surface without readings |
 //! | prediction | errors of unobserved surface, by left-out regions |
+//! | departure | how far the object may turn away where nothing was measured |
 //! | reports | figures of sensors and poses |
 //! | findings | what a user should know |
 
 mod covariance;
 mod degrees;
+mod departure;
 mod findings;
 mod held_out;
+mod openings;
 mod prediction;
 mod reports;
 mod support;
@@ -49,6 +53,7 @@ use crate::subdivision::RefinementLog;
 use degrees::degrees_of_channels;
 use findings::{SurfaceResults, all_findings};
 use held_out::judge_held_out;
+use openings::closed_openings;
 use planish_core::Progress;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
@@ -339,6 +344,7 @@ impl Finishing<'_> {
         // Places that the verdict names are far from the surface, and contain those of larger residuals.
         let misfit = || fit.misfit.as_ref().and_then(|found| found.finding(model.unit));
         findings.extend(fit.verdict.finding.clone().or_else(misfit));
+        findings.extend(closed_openings(model, &areas, self.origin));
         let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {

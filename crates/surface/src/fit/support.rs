@@ -4,7 +4,8 @@
 //! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ`
 //! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `2.5
 //! h` lie around it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one
-//! spacing beyond the last reading, and holes of more than a few spacings stay open.
+//! spacing beyond the last reading, and holes of more than a few spacings stay open. On closed surfaces it ends
+//! a quarter of a spacing beyond: readings of objects end at edges, where the surface turns away.
 //!
 //! Two estimates of `h` are compared, and the larger one counts. The distance `d` to the eighth neighbour
 //! gives `d √(π/8)`. Scan lines are dense along the line only; their spacing is the radius within which
@@ -17,6 +18,7 @@
 //! Not guaranteed: that scan lines are recognised whose spacing along the line is less than a twentieth of
 //! that between lines; places between such lines count as not observed.
 
+use crate::fit::leaves::neighbourhood;
 use crate::model::{MAX_SUPPORT_DEPTH, Observed, SupportCell, middles};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_core::vector3::{as_arrays, tangents};
@@ -31,6 +33,11 @@ use std::num::NonZero;
 const REACH: f64 = 2.5;
 /// Distance in spacings up to which a single reading supports a place.
 const REACH_ALONE: f64 = 1.0;
+/// The same for closed surfaces at a rim, where no readings are on the other side.
+const REACH_AT_RIM: f64 = 0.25;
+/// Widest gap between the directions to the neighbours of a reading that is not at a rim. 23 neighbours on
+/// all sides leave 45°, and those of a reading at a straight rim 150° or more.
+const GAP_INSIDE: f64 = 1.75;
 /// The neighbour whose distance gives the spacing. Fewer neighbours make it noisy; more blur its changes.
 const SPACING_NEIGHBOUR: usize = 8;
 /// Neighbours searched for readings on all sides.
@@ -65,7 +72,16 @@ pub(super) struct Supporters {
     points: Vec<DVec3>,
     normals: Vec<DVec3>,
     spacing: Vec<f64>,
+    /// Whether neighbours lie on all sides; empty if it was found for a sample only.
+    is_inside: Vec<bool>,
     tree: ImmutableKdTree<f64, 3>,
+    reach_alone: f64,
+}
+
+/// A point of the surface with a reading, and the normal there.
+pub(super) struct NearestFoot {
+    pub point: DVec3,
+    pub normal: DVec3,
 }
 
 impl Supporters {
@@ -133,7 +149,20 @@ impl Supporters {
                 if near.distance.sqrt() <= reach * own { own } else { 0.0 }
             })
             .collect();
-        Ok(Some(Self { points, normals, spacing, tree }))
+        let is_inside = match step {
+            1 => of_sample.iter().map(|own| own.gap < GAP_INSIDE).collect(),
+            _ => Vec::new(),
+        };
+        Ok(Some(Self { points, normals, spacing, is_inside, tree, reach_alone: REACH_ALONE }))
+    }
+
+    /// The same for a closed surface.
+    pub(super) fn on_closed_surface(self) -> Self {
+        Self { reach_alone: REACH_AT_RIM, ..self }
+    }
+
+    fn is_on_closed_surface(&self) -> bool {
+        self.reach_alone < REACH_ALONE
     }
 
     /// The median spacing.
@@ -149,31 +178,58 @@ impl Supporters {
         (near.distance.sqrt(), self.spacing[near.item as usize])
     }
 
+    /// The points of the surface with readings.
+    pub(super) fn points(&self) -> &[DVec3] {
+        &self.points
+    }
+
+    /// The normals of the surface there.
+    pub(super) fn normals(&self) -> &[DVec3] {
+        &self.normals
+    }
+
+    /// The nearest point with a reading; none if that reading is alone and supports nothing.
+    pub(super) fn nearest_foot(&self, p: DVec3) -> Option<NearestFoot> {
+        let near = self.tree.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
+        let k = near.item as usize;
+        (self.spacing[k] > 0.0).then(|| NearestFoot { point: self.points[k], normal: self.normals[k] })
+    }
+
     /// Whether the readings support a place with the given normal.
     fn support(&self, p: DVec3, normal: DVec3) -> bool {
-        // Most places are beside a reading, which one cheap search shows.
+        // Most places are beside a reading inside of the data, which one cheap search shows.
         let nearest = self.tree.query(p.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
         let k = nearest.item as usize;
-        let is_alone_near = nearest.distance.sqrt() <= REACH_ALONE * self.spacing[k];
-        if is_alone_near && self.normals[k].dot(normal) >= SAME_SIDE {
+        let is_inside = self.is_inside.get(k).copied().unwrap_or(false);
+        let reach = if is_inside { REACH_ALONE } else { self.reach_alone };
+        if nearest.distance.sqrt() <= reach * self.spacing[k] && self.normals[k].dot(normal) >= SAME_SIDE {
             return true;
         }
         let (e1, e2) = tangents(normal);
         let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
         let mut directions = Vec::with_capacity(near.len());
+        // Readings beyond an edge show that the data do not end there, though they support no place before it.
+        let mut of_all_sides = Vec::with_capacity(near.len());
+        let mut is_near = false;
         for found in near {
             let k = found.item as usize;
             let (distance, h) = (found.distance.sqrt(), self.spacing[k]);
-            if distance > REACH * h || self.normals[k].dot(normal) < SAME_SIDE {
+            if distance > REACH * h {
                 continue;
             }
-            if distance <= REACH_ALONE * h {
+            let to = self.points[k] - p;
+            let direction = to.dot(e2).atan2(to.dot(e1));
+            of_all_sides.push(direction);
+            if self.normals[k].dot(normal) < SAME_SIDE {
+                continue;
+            }
+            if distance <= self.reach_alone * h {
                 return true;
             }
-            let to = self.points[k] - p;
-            directions.push(to.dot(e2).atan2(to.dot(e1)));
+            is_near |= distance <= REACH_ALONE * h;
+            directions.push(direction);
         }
-        widest_gap(&mut directions) < PI
+        widest_gap(&mut directions) < PI || (is_near && widest_gap(&mut of_all_sides) < PI)
     }
 }
 
@@ -234,6 +290,8 @@ struct OwnSpacings {
     /// Radius within which neighbours lie on all sides; none if those that are searched do not.
     enclosing: Option<f64>,
     farthest: f64,
+    /// Widest gap between the directions to all neighbours that are searched.
+    gap: f64,
 }
 
 fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, normal: DVec3) -> OwnSpacings {
@@ -251,7 +309,9 @@ fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, norm
         directions.push(to.dot(e2).atan2(to.dot(e1)));
         (widest_gap(&mut directions) < PI).then_some(*distance)
     });
-    OwnSpacings { spacing: others[count - 1].0 * (PI / count as f64).sqrt(), enclosing, farthest }
+    let mut all: Vec<f64> = others.iter().map(|(_, to)| to.dot(e2).atan2(to.dot(e1))).collect();
+    let spacing = others[count - 1].0 * (PI / count as f64).sqrt();
+    OwnSpacings { spacing, enclosing, farthest, gap: widest_gap(&mut all) }
 }
 
 /// Where the readings of a leaf lie: a bit for each of 8 × 8 bins of its parameter square.
@@ -303,7 +363,12 @@ pub(super) fn supported_cells(
             let (distance, spacing) = measured.nearest(jet.point);
             let divisions = |size: f64| (length / size.max(f64::MIN_POSITIVE)).log2();
             let bins = (divisions(BIN * spacing).ceil().max(1.0) as u8).min(OCCUPANCY_DEPTH);
-            if is_full(occupied[leaf], bins) {
+            // Bins at a rim are full, too, if readings end within them; the leaf beyond has none then.
+            let is_at_rim = || {
+                measured.is_on_closed_surface()
+                    && neighbourhood(surface.space(), leaf).into_iter().any(|other| occupied[other] == 0)
+            };
+            if is_full(occupied[leaf], bins) && !is_at_rim() {
                 return (0, vec![SupportCell { observed: Observed::Measured, distance: 0.0 }]);
             }
             let depth = (divisions(spacing).ceil().max(0.0) as u8).min(MAX_SUPPORT_DEPTH);

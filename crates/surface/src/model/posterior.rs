@@ -324,7 +324,7 @@ impl LeafCovariance<'_> {
         let Some((support, leaf, errors)) = self.prediction else { return variance };
         let cell = support.at(leaf, local);
         match cell.observed {
-            Observed::PriorOnly => errors.variance(variance, cell.distance),
+            Observed::PriorOnly => errors.variance_in(leaf, variance, cell.distance),
             Observed::Measured | Observed::Inferred | Observed::NotFollowed => variance,
         }
     }

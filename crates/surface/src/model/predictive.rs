@@ -13,9 +13,13 @@
 //! mean square of prediction errors over `v`, and `r` their root mean square. Both grow with `d` or stay.
 //! Beyond the largest tested distance `f` follows the power law of the tested ones, and `r` stays.
 //!
+//! Left-out regions are surrounded by surface that is like them. Openings of closed surfaces are not: an object
+//! on a table has its edges where readings end. Their σ is at least that of a [`Departure`].
+//!
 //! Not guaranteed: that unmeasured parts are like the measured ones. Steps, handles and whole features that
 //! nothing shows are not covered.
 
+use super::Departure;
 use planish_estimate::{Error, Result};
 
 /// What leaving out regions has shown at one distance.
@@ -35,6 +39,7 @@ pub struct PredictiveSigma {
     errors: Vec<PredictionError>,
     growth: f64,
     largest: f64,
+    departure: Option<Departure>,
 }
 
 impl PredictiveSigma {
@@ -71,7 +76,19 @@ impl PredictiveSigma {
                  growth ≥ 0, found others",
             ));
         }
-        Ok(Self { errors, growth, largest })
+        Ok(Self { errors, growth, largest, departure: None })
+    }
+
+    /// The same with a smallest σ of places in openings of closed surfaces.
+    #[must_use]
+    pub fn with_departure(self, departure: Departure) -> Self {
+        Self { departure: Some(departure), ..self }
+    }
+
+    /// The smallest σ of places in openings of closed surfaces, if there is one.
+    #[must_use]
+    pub fn departure(&self) -> Option<&Departure> {
+        self.departure.as_ref()
     }
 
     /// The errors, by increasing distance.
@@ -99,6 +116,13 @@ impl PredictiveSigma {
         let predicted = (factor * factor * posterior).max(floor * floor);
         // The bound holds for the correction only: a posterior may state more.
         predicted.min(self.largest * self.largest).max(posterior)
+    }
+
+    /// Variance of a place of a leaf, with its departure.
+    #[must_use]
+    pub fn variance_in(&self, leaf: usize, posterior: f64, distance: f64) -> f64 {
+        let departure = self.departure.as_ref().map_or(0.0, |departure| departure.sigma(leaf, distance));
+        self.variance(posterior, distance).max(departure * departure)
     }
 
     /// Factor and floor, linear in the logarithms between the tested distances.

@@ -7,12 +7,13 @@
 use super::consistency::MeanResidual;
 use super::ranges::{check_information, check_metadata, check_pose, check_rows, check_semidefinite};
 use super::{
-    CORNERS, CREASES, Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, QUADS, SHARED_CORNER, SHARED_COUPLING,
-    SUPPORT_DEPTH, SUPPORT_DISTANCE, SUPPORT_MARKS, SavedModel, UNRESOLVED_SHAPE, flat_pattern,
+    CORNERS, CREASES, DEPARTURE, DEPARTURE_OF_LEAVES, Metadata, PREDICTIVE_ERRORS, PREDICTIVE_LIMITS, QUADS,
+    SHARED_CORNER, SHARED_COUPLING, SUPPORT_DEPTH, SUPPORT_DISTANCE, SUPPORT_MARKS, SavedModel,
+    UNRESOLVED_SHAPE, flat_pattern,
 };
 use crate::model::{
-    Knowledge, MAX_SUPPORT_DEPTH, Observed, PredictionError, PredictiveSigma, ScanErrorInformation,
-    ScanPoseReport, Support, SupportCell, SurfaceModel, VertexInformation,
+    Departure, Knowledge, MAX_SUPPORT_DEPTH, Observed, PredictionError, PredictiveSigma,
+    ScanErrorInformation, ScanPoseReport, Support, SupportCell, SurfaceModel, VertexInformation,
 };
 use planish_core::vector3::from_arrays;
 use planish_core::{Finding, FindingCode};
@@ -91,8 +92,8 @@ impl Tensors {
         Support::new(leaves)
     }
 
-    /// Errors where nothing was measured, if the file has any.
-    fn predictive(&mut self) -> Result<Option<PredictiveSigma>> {
+    /// Errors where nothing was measured, if the file has any; `order` maps cells of the file to leaves.
+    fn predictive(&mut self, order: &[usize]) -> Result<Option<PredictiveSigma>> {
         if !self.0.contains_key(PREDICTIVE_ERRORS) {
             return Ok(None);
         }
@@ -102,9 +103,28 @@ impl Tensors {
         let errors = (errors.as_chunks::<3>().0.iter())
             .map(|&[distance, factor, floor]| PredictionError { distance, factor, floor })
             .collect();
-        PredictiveSigma::new(errors, limits[0], limits[1])
-            .map(Some)
-            .map_err(|e| e.in_context(format_args!("tensor `{PREDICTIVE_ERRORS}`")))
+        let found = PredictiveSigma::new(errors, limits[0], limits[1])
+            .map_err(|e| e.in_context(format_args!("tensor `{PREDICTIVE_ERRORS}`")))?;
+        Ok(Some(match self.departure(order)? {
+            Some(departure) => found.with_departure(departure),
+            None => found,
+        }))
+    }
+
+    /// How far closed surfaces may depart where nothing was measured, if the file has it.
+    fn departure(&mut self, order: &[usize]) -> Result<Option<Departure>> {
+        if !self.0.contains_key(DEPARTURE) {
+            return Ok(None);
+        }
+        let by_distance = self.f64(DEPARTURE, &[2])?.as_chunks::<2>().0.to_vec();
+        let of_cells = self.f64(DEPARTURE_OF_LEAVES, &[])?;
+        expect_rows(DEPARTURE_OF_LEAVES, of_cells.len(), order.len(), "cells")?;
+        let mut of_leaf = vec![0.0; order.len()];
+        for (&leaf, share) in order.iter().zip(of_cells) {
+            of_leaf[leaf] = share;
+        }
+        let found = Departure::new(by_distance, of_leaf);
+        found.map(Some).map_err(|e| e.in_context(format_args!("tensor `{DEPARTURE}`")))
     }
 
     pub(super) fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
@@ -237,7 +257,7 @@ pub(super) fn from_file(file: ModelFile) -> Result<SavedModel> {
         observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
     let support = tensors.support(&order)?;
-    let predictive = tensors.predictive()?;
+    let predictive = tensors.predictive(&order)?;
     let excess_variance = tensors.excess_variance(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), from_arrays(vertices.as_chunks::<3>().0).to_vec())?;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::model::{Observed, PredictionError, PredictiveSigma};
+use crate::model::{Departure, Observed, PredictionError, PredictiveSigma};
 use crate::test_support::{assert_same_model, model_of, small_model};
 use planish_core::DVec3;
 use planish_estimate::ErrorKind;
@@ -26,7 +26,10 @@ fn model_with_support(shape: Shape) -> SurfaceModel {
     assert_eq!(model.observed_at(2, [0.1, 0.9]), Observed::NotFollowed);
     let near = PredictionError { distance: 0.25, factor: 1.5, floor: 1.0 / 3.0 };
     let far = PredictionError { distance: 2.0 / 3.0, factor: 4.0, ..near };
-    model.predictive = Some(PredictiveSigma::new(vec![near, far], 1.25, 7.0).unwrap());
+    let of_leaf = (0..model.observed.len()).map(|leaf| (leaf % 5) as f64 / 5.0).collect();
+    let departure = Departure::new(vec![[0.25, 0.1], [0.5, 0.7]], of_leaf).unwrap();
+    let errors = PredictiveSigma::new(vec![near, far], 1.25, 7.0).unwrap();
+    model.predictive = Some(errors.with_departure(departure));
     model
 }
 

@@ -12,10 +12,13 @@
 //! distribution.
 
 use super::Finishing;
+use super::departure::departure;
+use super::openings::{UnobservedCell, unobserved_cells};
+use crate::fit::leaves::leaf_areas;
 use crate::fit::support::{Supporters, search_tree};
 use crate::model::{
-    Knowledge, NodeCovariance, Observed, Posterior, PredictionError, PredictiveSigma, SurfaceModel,
-    VertexMotion, middles,
+    Knowledge, NodeCovariance, Posterior, PredictionError, PredictiveSigma, SurfaceModel, SurfaceTopology,
+    VertexMotion,
 };
 use crate::observe::{FootChannels, Quantity, StepInput, normal_step};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -31,6 +34,9 @@ use std::sync::Arc;
 
 /// Radius of the smallest regions, in spacings.
 const SMALLEST_RADIUS: f64 = 4.0;
+/// Distance in spacings up to which openings of closed surfaces are not tested. Left-out regions are larger, and
+/// would cost a closed object with one small opening up to 40 % of the time of its fit.
+const NEAR: f64 = 2.0;
 /// Radius of the largest regions, as a share of the radius of the readings. More would leave too little.
 const LARGEST_SHARE: f64 = 0.7;
 /// Largest share of the readings that is left out at once.
@@ -94,16 +100,20 @@ impl Finishing<'_> {
     ) -> Result<Option<PredictiveSigma>> {
         // The readings of the earlier model are not at hand, so none of its regions can be left out.
         if let Some(earlier) = self.earlier {
-            return Ok(earlier.predictive.clone());
+            return Ok(earlier.predictive.as_ref().map(|errors| carried(errors, earlier, model)));
         }
         let (Knowledge::AlongNormals { .. }, None) = (&model.known, self.filtered) else { return Ok(None) };
-        let unobserved = unobserved_places(model);
-        let reach = unobserved.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);
+        let unobserved = unobserved_cells(model, &leaf_areas(&model.surface));
+        let reach = unobserved.iter().map(|cell| cell.distance).fold(0.0, f64::max);
         let used: Vec<usize> =
             (0..self.feet.len()).filter(|&k| self.supports(k) && self.is_measured_foot(k)).collect();
         let spacing = measured.median_spacing();
         if reach == 0.0 || spacing == 0.0 || used.len() < 2 * MIN_READINGS {
             return Ok(None);
+        }
+        let is_closed = SurfaceTopology::of(model.surface.space()).borders == 0;
+        if is_closed && reach <= NEAR * spacing {
+            return with_departure(None, model, measured, &unobserved);
         }
         let points: Vec<DVec3> = used.iter().map(|&k| self.foot_point(model, k)).collect();
         let middle = 1.0 / points.len() as f64 * points.iter().sum::<DVec3>();
@@ -126,7 +136,8 @@ impl Finishing<'_> {
             }
             regions += left_out.iter().flatten().max().map_or(0, |last| last + 1);
         }
-        law(&errors, spacing, 2.0 * radius)
+        let law = law(&errors, spacing, 2.0 * radius)?;
+        with_departure(law, model, measured, &unobserved)
     }
 
     fn foot_point(&self, model: &SurfaceModel, k: usize) -> DVec3 {
@@ -242,17 +253,6 @@ struct LeftOutReadings<'a> {
     spacing: f64,
 }
 
-/// Middles of the cells without readings, and their distances to the nearest one.
-fn unobserved_places(model: &SurfaceModel) -> Vec<(DVec3, f64)> {
-    (model.support.leaves().enumerate())
-        .flat_map(|(leaf, (depth, cells))| {
-            (cells.iter().zip(middles(depth)))
-                .filter(|(cell, _)| cell.observed == Observed::PriorOnly)
-                .map(move |(cell, local)| (model.surface.leaf_point(leaf, local[0], local[1]), cell.distance))
-        })
-        .collect()
-}
-
 /// The sets of regions, the most important first.
 fn sets_of_regions(smallest: f64, largest: f64, max_sets: usize) -> Vec<Regions> {
     let balls = |share: f64| Regions::Balls(smallest * (largest / smallest).powf(share));
@@ -264,12 +264,12 @@ fn sets_of_regions(smallest: f64, largest: f64, max_sets: usize) -> Vec<Regions>
 /// The given share of the points, on that side of a plane where some unobserved place is: one region.
 fn cap(
     points: &[DVec3],
-    unobserved: &[(DVec3, f64)],
+    unobserved: &[UnobservedCell],
     middle: DVec3,
     share: f64,
     rng: &mut ChaCha8Rng,
 ) -> Vec<Option<usize>> {
-    let (place, _) = unobserved[rng.random_range(0..unobserved.len())];
+    let place = unobserved[rng.random_range(0..unobserved.len())].place;
     let heights: Vec<f64> = points.iter().map(|p| (place - middle).dot(*p - middle)).collect();
     let mut sorted = heights.clone();
     let rank = ((1.0 - share) * points.len() as f64) as usize;
@@ -280,7 +280,7 @@ fn cap(
 /// For each point, the region in which it is left out.
 fn balls(
     points: &[DVec3],
-    unobserved: &[(DVec3, f64)],
+    unobserved: &[UnobservedCell],
     radius: f64,
     rng: &mut ChaCha8Rng,
 ) -> Result<Vec<Option<usize>>> {
@@ -292,7 +292,7 @@ fn balls(
         // In turn at the rim, where surface is continued, and inside, where a hole is closed.
         let middle = match (attempt % 2, unobserved.len()) {
             (0, 1..) => {
-                let place = unobserved[rng.random_range(0..unobserved.len())].0;
+                let place = unobserved[rng.random_range(0..unobserved.len())].place;
                 let near = tree.query(place.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
                 points[near.item as usize]
             }
@@ -351,6 +351,35 @@ fn law(errors: &ErrorsByDistance, spacing: f64, largest: f64) -> Result<Option<P
     }
     let growth = growth(&found);
     PredictiveSigma::new(found, growth, largest).map(Some)
+}
+
+/// The errors of the earlier model, for the leaves of its update.
+fn carried(errors: &PredictiveSigma, earlier: &SurfaceModel, model: &SurfaceModel) -> PredictiveSigma {
+    let space = model.surface.space();
+    let former = (0..space.leaves().len()).map(|leaf| {
+        let [u, v] = space.parameters(leaf, [0.5; 2]);
+        earlier.surface.space().locate(u, v).0
+    });
+    match errors.departure() {
+        Some(departure) => errors.clone().with_departure(departure.for_leaves(former)),
+        None => errors.clone(),
+    }
+}
+
+/// The errors with the departure of openings, if the surface is closed.
+fn with_departure(
+    law: Option<PredictiveSigma>,
+    model: &SurfaceModel,
+    measured: &Supporters,
+    unobserved: &[UnobservedCell],
+) -> Result<Option<PredictiveSigma>> {
+    if SurfaceTopology::of(model.surface.space()).borders > 0 {
+        return Ok(law);
+    }
+    // Without regions that can be left out, the posterior stays.
+    let unchanged = PredictionError { distance: 1.0, factor: 1.0, floor: 0.0 };
+    let law = law.map_or_else(|| PredictiveSigma::new(vec![unchanged], 0.0, 1.0), Ok)?;
+    Ok(Some(law.with_departure(departure(model, measured, unobserved)?)))
 }
 
 /// Power of the distance with which the factor grows over the farther half of the tested distances.

@@ -1,0 +1,113 @@
+//! Openings of the readings: connected parts of a closed surface without any.
+
+use crate::fit::leaves::neighbourhood;
+use crate::model::{Observed, SurfaceModel, SurfaceTopology, middles};
+use planish_core::numbers::significant;
+use planish_core::{DVec3, DisjointSets, Finding, FindingCode, Setting};
+use std::collections::BTreeMap;
+
+/// Smallest share of a closed surface in openings that is reported. A gap of 10 mm in one of three joined rings
+/// is 3 %.
+const MIN_SHARE: f64 = 0.02;
+/// Openings with less than this share of the surface are not counted: readings of a whole object leave small
+/// ones by chance, and beside sharp edges.
+const MIN_OPENING: f64 = 0.003;
+/// Largest number of openings that are listed.
+const MAX_LISTED: usize = 3;
+
+/// A place without readings.
+pub(super) struct UnobservedCell {
+    pub leaf: usize,
+    pub place: DVec3,
+    /// Distance to the nearest reading.
+    pub distance: f64,
+    pub area: f64,
+}
+
+/// The cells without readings.
+pub(super) fn unobserved_cells(model: &SurfaceModel, areas: &[f64]) -> Vec<UnobservedCell> {
+    (model.support.leaves().enumerate())
+        .flat_map(|(leaf, (depth, cells))| {
+            let area = areas[leaf] / cells.len() as f64;
+            (cells.iter().zip(middles(depth))).filter(|(cell, _)| cell.observed == Observed::PriorOnly).map(
+                move |(cell, [s, t])| UnobservedCell {
+                    leaf,
+                    place: model.surface.leaf_point(leaf, s, t),
+                    distance: cell.distance,
+                    area,
+                },
+            )
+        })
+        .collect()
+}
+
+/// The connected leaves with cells without readings: for each opening, its cells.
+pub(super) fn openings<'a>(
+    model: &SurfaceModel,
+    cells: &'a [UnobservedCell],
+) -> Vec<Vec<&'a UnobservedCell>> {
+    let space = model.surface.space();
+    let mut is_open = vec![false; space.leaves().len()];
+    cells.iter().for_each(|cell| is_open[cell.leaf] = true);
+    let mut sets = DisjointSets::new(is_open.len());
+    for leaf in (0..is_open.len()).filter(|&leaf| is_open[leaf]) {
+        for other in neighbourhood(space, leaf).into_iter().filter(|&other| is_open[other]) {
+            sets.join(leaf as u32, other as u32);
+        }
+    }
+    let roots = sets.into_roots();
+    let mut found: BTreeMap<u32, Vec<&UnobservedCell>> = BTreeMap::new();
+    for cell in cells {
+        found.entry(roots[cell.leaf]).or_default().push(cell);
+    }
+    found.into_values().collect()
+}
+
+/// The finding about a closed surface of which much was closed without readings; none for other surfaces.
+/// `origin` is the world position of the origin of the surface's coordinates.
+pub(super) fn closed_openings(model: &SurfaceModel, areas: &[f64], origin: DVec3) -> Option<Finding> {
+    if SurfaceTopology::of(model.surface.space()).borders > 0 {
+        return None;
+    }
+    let (cells, total) = (unobserved_cells(model, areas), areas.iter().sum::<f64>());
+    let share = |cells: &[&UnobservedCell]| cells.iter().map(|cell| cell.area).sum::<f64>() / total;
+    let mut found: Vec<(f64, Vec<&UnobservedCell>)> = (openings(model, &cells).into_iter())
+        .map(|opening| (share(&opening), opening))
+        .filter(|(share, _)| *share >= MIN_OPENING)
+        .collect();
+    let all: f64 = found.iter().map(|(share, _)| share).sum();
+    if all < MIN_SHARE {
+        return None;
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let described: Vec<String> = (found.iter().take(MAX_LISTED))
+        .map(|(_, opening)| {
+            let (middle, size) = place_and_size(opening);
+            let [x, y, z] = (middle + origin).to_array().map(|c| significant(c, 4));
+            format!("({x}, {y}, {z}) {unit}, of size {} {unit}", significant(size, 2), unit = model.unit)
+        })
+        .collect();
+    let places = match found.len() {
+        1 => format!("in one opening near {}", described[0]),
+        n if n <= MAX_LISTED => format!("in {n} openings near {}", described.join("; ")),
+        n => format!("in {n} openings, the largest near {}", described.join("; ")),
+    };
+    let text = format!(
+        "{} % of the surface was closed without readings, {places}: its shape there \
+         follows from the smoothness prior alone, and σ allows for edges; specify \"never\" to leave it open",
+        significant(100.0 * all, 2)
+    );
+    Some(Finding::new(FindingCode::OpeningsClosed, text).with_setting(Setting::Close))
+}
+
+/// The middle of an opening, on the surface, and the diagonal of its bounding box.
+fn place_and_size(opening: &[&UnobservedCell]) -> (DVec3, f64) {
+    let corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) =
+        opening.iter().fold(corners, |(low, high), cell| (low.min(cell.place), high.max(cell.place)));
+    let middle = 0.5 * (low + high);
+    // The middle of the box may be far from the surface.
+    let nearest = (opening.iter().map(|cell| cell.place))
+        .min_by(|a, b| a.distance(middle).total_cmp(&b.distance(middle)));
+    (nearest.unwrap_or(middle), (high - low).length())
+}
