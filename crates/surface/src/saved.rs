@@ -14,7 +14,7 @@
 //! | `support_distance` | Σ 4ᵈ | distance of their middles to the nearest reading; 0 if measured |
 //! | `predictive_errors` | n × 3 | distance to the nearest reading, factor and floor of σ there, if any |
 //! | `predictive_limits` | 2 | power of the distance beyond these, and the largest σ |
-//! | `predictive_departure` | m × 2 | distance, and the share of it by which a closed surface may depart, if any |
+//! | `predictive_departure` | m × 2 | distance, and share of it by which a closed surface departs, if any |
 //! | `predictive_departure_of_cells` | L | the same share of each leaf, by the surface that closes it |
 //! | `quads` | Q × 4, u32 | corners of the quads, of a surface over quads |
 //! | `creases` | C × 2, u32 | vertices of the edges of quads across which normals jump, if any |

@@ -1,10 +1,11 @@
 //! Fits from a first shape that may have sharp edges.
 //!
-//! Input: observations and their [`FirstShape`]. Output: a [`ConvergedFit`] that follows the edges, if it does
-//! not fold at them.
+//! Input: observations and their [`FirstShape`]. Output: a [`ConvergedFit`] that follows the edges, if it
+//! does not fold at them.
 //!
-//! Layouts differ in the corners at which a fit folds, so several are tried, all edges first. If all fold, the
-//! one is taken that leaves least unresolved: folded, far from readings, or not within their noise. A smooth surface follows few readings beside edges (decision 0129).
+//! Layouts differ in the corners at which a fit folds, so several are tried, all edges first. If all fold,
+//! the one is taken that leaves least unresolved: folded, far from readings, or not within their noise. A
+//! smooth surface follows few readings beside edges (decision 0129).
 //!
 //! Not guaranteed: that any of the layouts gives a fit without folds.
 

@@ -55,8 +55,8 @@ const SMOOTHING_ROUNDS: usize = 5;
 pub(super) const SMOOTHED_QUADS: f64 = 1.5;
 const QUADS_BESIDE_SMOOTHED: usize = 512;
 const MIN_KEPT: f64 = 0.4;
-/// Mean of `(p − c)·n`, as a share of that of lengths, from which normals face inwards. Of a cup with a wall of
-/// a twelfth of its radius it is 0.12, with outward normals.
+/// Mean of `(p − c)·n`, as a share of that of lengths, from which normals face inwards. Of a cup with a wall
+/// of a twelfth of its radius it is 0.12, with outward normals.
 const MIN_INWARD: f64 = 0.05;
 /// Nearest readings, more than those from which normals are estimated.
 const NEAREST: usize = 24;

@@ -38,8 +38,8 @@ const READINGS_PER_QUAD: usize = 3;
 const FEWEST_QUADS: usize = 64;
 /// Most quads of a layout with creases. Larger ones take a minute, and no object had a sound one only then.
 pub(super) const MOST_WITH_CREASES: usize = 1024;
-/// Other numbers of quads with creases, as shares of the most, if none up to the most was sound. Which corners
-/// fold is a matter of chance.
+/// Other numbers of quads with creases, as shares of the most, if none up to the most was sound. Which
+/// corners fold is a matter of chance.
 const OTHER_NUMBERS: [f64; 2] = [0.87, 0.75];
 /// Quads of layouts for which the mesh is prepared first. Few objects need more, which take a finer mesh.
 const FIRST_MOST: usize = 2048;

@@ -4,8 +4,8 @@
 //! has a spacing `h`, a property of its neighbourhood: for evenly spread readings `h = 1/√ρ` with `ρ`
 //! readings per area. A place is supported if its nearest reading is within `h`, or if readings within `2.5
 //! h` lie around it: directions to them leave no gap of 180° or more. Extrapolation therefore ends one
-//! spacing beyond the last reading, and holes of more than a few spacings stay open. On closed surfaces it ends
-//! a quarter of a spacing beyond: readings of objects end at edges, where the surface turns away.
+//! spacing beyond the last reading, and holes of more than a few spacings stay open. On closed surfaces it
+//! ends a quarter of a spacing beyond: readings of objects end at edges, where the surface turns away.
 //!
 //! Two estimates of `h` are compared, and the larger one counts. The distance `d` to the eighth neighbour
 //! gives `d √(π/8)`. Scan lines are dense along the line only; their spacing is the radius within which
@@ -208,7 +208,8 @@ impl Supporters {
         let (e1, e2) = tangents(normal);
         let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
         let mut directions = Vec::with_capacity(near.len());
-        // Readings beyond an edge show that the data do not end there, though they support no place before it.
+        // Readings beyond an edge show that the data do not end there, though they support no place before
+        // it.
         let mut of_all_sides = Vec::with_capacity(near.len());
         let mut is_near = false;
         for found in near {

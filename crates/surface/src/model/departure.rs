@@ -1,8 +1,8 @@
 //! How far surface without readings may be from the object, by its distance to the readings.
 //!
-//! The object passes through the nearest reading, at a distance `d`. How far it departs from a continuation of
-//! the readings depends on the object: little if it is smooth, and up to `d` beyond a right-angled edge. With
-//! the share `k` of `d` that the object departs,
+//! The object passes through the nearest reading, at a distance `d`. How far it departs from a continuation
+//! of the readings depends on the object: little if it is smooth, and up to `d` beyond a right-angled edge.
+//! With the share `k` of `d` that the object departs,
 //!
 //! ```text
 //! σ = min(1.6 k, 1) d / √3
@@ -12,8 +12,8 @@
 //! that of the measured surface, by distance, and that by which the surface that closes an opening departs
 //! from the continuation of its rim.
 //!
-//! Not guaranteed: shape within an opening of which neither the measured surface nor the closing one shows any
-//! sign.
+//! Not guaranteed: shape within an opening of which neither the measured surface nor the closing one shows
+//! any sign.
 
 use planish_estimate::{Error, Result};
 

@@ -13,8 +13,8 @@
 //! mean square of prediction errors over `v`, and `r` their root mean square. Both grow with `d` or stay.
 //! Beyond the largest tested distance `f` follows the power law of the tested ones, and `r` stays.
 //!
-//! Left-out regions are surrounded by surface that is like them. Openings of closed surfaces are not: an object
-//! on a table has its edges where readings end. Their σ is at least that of a [`Departure`].
+//! Left-out regions are surrounded by surface that is like them. Openings of closed surfaces are not: an
+//! object on a table has its edges where readings end. Their σ is at least that of a [`Departure`].
 //!
 //! Not guaranteed: that unmeasured parts are like the measured ones. Steps, handles and whole features that
 //! nothing shows are not covered.

@@ -3,16 +3,16 @@
 //! In: feet of readings with their normals, and the places without readings. Out: a
 //! [`Departure`](crate::model::Departure).
 //!
-//! *Measured surface.* Of two feet `p` and `b`, the mirror image of `b` in the plane through `p` that is normal
-//! to the tangential direction from `b` to `p` continues the surface beyond `p`. It lies on the surface if this
-//! is a plane, a ball, or a cylinder that is continued along or across. Its distance from the measured surface,
-//! as a share of the distance of the feet, is the departure. Readings are often missing because the surface
-//! turns away from the sensor, so rims of openings are at edges more often than by chance: a high quantile
-//! counts.
+//! *Measured surface.* Of two feet `p` and `b`, the mirror image of `b` in the plane through `p` that is
+//! normal to the tangential direction from `b` to `p` continues the surface beyond `p`. It lies on the
+//! surface if this is a plane, a ball, or a cylinder that is continued along or across. Its distance from the
+//! measured surface, as a share of the distance of the feet, is the departure. Readings are often missing
+//! because the surface turns away from the sensor, so rims of openings are at edges more often than by
+//! chance: a high quantile counts.
 //!
 //! *Closing surface.* Beyond the nearest foot `p` of an unobserved place, the measured surface continues as a
-//! circle: tangent at `p`, and through a foot as far on the other side of `p` as the place. The distance of the
-//! place from this circle is what the measured surface does not explain. An opening has one share, since
+//! circle: tangent at `p`, and through a foot as far on the other side of `p` as the place. The distance of
+//! the place from this circle is what the measured surface does not explain. An opening has one share, since
 //! nothing shows where within it the object turns.
 
 use super::openings::{UnobservedCell, openings};
@@ -47,8 +47,8 @@ const QUANTILE_OF_OPENING: f64 = 0.9;
 const FAR_SHARE: f64 = 1.0 / 3.0;
 /// Largest distance in spacings of openings that are too small to show how they are closed.
 const SMALL_OPENING: f64 = 3.0;
-/// Smallest cosine between the normals of feet of which one continues the other. Opposite sides of a thin wall
-/// have less.
+/// Smallest cosine between the normals of feet of which one continues the other. Opposite sides of a thin
+/// wall have less.
 const MIN_COSINE: f64 = -0.3;
 /// Smallest distance behind the rim of the foot that shows its curvature, as a share of the place's distance.
 const MIN_BEHIND: f64 = 0.3;
@@ -93,7 +93,8 @@ pub(super) fn departure(
     Departure::new(by_distance, of_leaf)
 }
 
-/// The share by which pairs of feet at a distance depart from the measured surface; none if there are too few.
+/// The share by which pairs of feet at a distance depart from the measured surface; none if there are too
+/// few.
 fn share_at(
     measured: &Supporters,
     open: &ImmutableKdTree<f64, 3>,
@@ -168,8 +169,8 @@ fn share_of_opening(measured: &Supporters, spacing: f64, opening: &[&UnobservedC
     at_quantile.or(shares.last()).map_or(0.0, |(share, _)| *share)
 }
 
-/// The distance of a place from the continuation of its nearest foot, as a share of its distance to it. All of
-/// it if no foot behind shows how the surface continues.
+/// The distance of a place from the continuation of its nearest foot, as a share of its distance to it. All
+/// of it if no foot behind shows how the surface continues.
 fn share_of_place(measured: &Supporters, cell: &UnobservedCell) -> f64 {
     let Some(rim) = measured.nearest_foot(cell.place) else { return 1.0 };
     let to = cell.place - rim.point;

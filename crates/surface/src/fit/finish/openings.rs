@@ -6,8 +6,8 @@ use planish_core::numbers::significant;
 use planish_core::{DVec3, DisjointSets, Finding, FindingCode, Setting};
 use std::collections::BTreeMap;
 
-/// Smallest share of a closed surface in openings that is reported. A gap of 10 mm in one of three joined rings
-/// is 3 %.
+/// Smallest share of a closed surface in openings that is reported. A gap of 10 mm in one of three joined
+/// rings is 3 %.
 const MIN_SHARE: f64 = 0.02;
 /// Openings with less than this share of the surface are not counted: readings of a whole object leave small
 /// ones by chance, and beside sharp edges.

@@ -34,8 +34,8 @@ use std::sync::Arc;
 
 /// Radius of the smallest regions, in spacings.
 const SMALLEST_RADIUS: f64 = 4.0;
-/// Distance in spacings up to which openings of closed surfaces are not tested. Left-out regions are larger, and
-/// would cost a closed object with one small opening up to 40 % of the time of its fit.
+/// Distance in spacings up to which openings of closed surfaces are not tested. Left-out regions are larger,
+/// and would cost a closed object with one small opening up to 40 % of the time of its fit.
 const NEAR: f64 = 2.0;
 /// Radius of the largest regions, as a share of the radius of the readings. More would leave too little.
 const LARGEST_SHARE: f64 = 0.7;

@@ -180,8 +180,8 @@ impl Observations {
         let turned = self.intake.are_normals_turned.then(|| {
             Finding::new(
                 FindingCode::NormalsUnreliable,
-                "the normals face into the volume that the readings enclose, as those of a cavity or with the \
-                 wrong sign: they were turned, so that the surface encloses this volume",
+                "the normals face into the volume that the readings enclose, as those of a cavity or with \
+                 the wrong sign: they were turned, so that the surface encloses this volume",
             )
         });
         self.intake.unreliable_normals.iter().map(text).chain(turned).collect()
