@@ -1,7 +1,6 @@
 //! How far the object departs from continuations of its measured surface.
 //!
-//! In: feet of readings with their normals, and the places without readings. Out: a
-//! [`Departure`](crate::model::Departure).
+//! In: feet of readings with their normals, and the places without readings. Out: a [`Departure`].
 //!
 //! *Measured surface.* Of two feet `p` and `b`, the mirror image of `b` in the plane through `p` that is
 //! normal to the tangential direction from `b` to `p` continues the surface beyond `p`. It lies on the
