@@ -24,6 +24,7 @@ pub use reports::{ScanPoseReport, SensorReport, SigmaSummary};
 pub(crate) use support::middles;
 pub use support::{MAX_SUPPORT_DEPTH, Support, SupportCell};
 pub use topology::SurfaceTopology;
+pub(crate) use topology::is_closed;
 
 use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};

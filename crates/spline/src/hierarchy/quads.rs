@@ -293,7 +293,7 @@ impl Hierarchy {
     /// True if the domain has creases.
     #[must_use]
     pub fn has_creases(&self) -> bool {
-        !self.crease_nodes().is_empty()
+        self.domain().is_some_and(|domain| !domain.creases().is_empty())
     }
 
     /// The nodes on creases, in ascending order.

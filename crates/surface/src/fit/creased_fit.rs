@@ -172,13 +172,16 @@ fn or_over_quads(
     shape: &FirstShape,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
+    // Each fit moves the scans, so with poses only the last one belongs to its scans.
+    if !shape.may_lie_over_quads_instead() || !observations.scan_errors.is_empty() {
+        return fit;
+    }
     let of_base = match &fit {
         Ok(fit) => Defects::of(fit, observations, options)?.most(),
         Err(error) if error.kind() == ErrorKind::Undetermined => f64::INFINITY,
         Err(_) => return fit,
     };
-    // Each fit moves the scans, so with poses only the last one belongs to its scans.
-    if of_base <= 1.0 || !observations.scan_errors.is_empty() {
+    if of_base <= 1.0 {
         return fit;
     }
     let Some(surface) = shape.over_quads_instead(progress)? else { return fit };

@@ -214,11 +214,7 @@ impl FirstShape {
         {
             return Ok(surface);
         }
-        let smooth = |solid: &TriangleMesh| {
-            let mesh = CreasedMesh::smooth(solid.clone());
-            let any = 0..=usize::MAX;
-            Ok(surface_over_quads(mesh, self.size, self.options.max_coefficients, any, progress)?.surface)
-        };
+        let smooth = |solid: &TriangleMesh| self.smooth_surface(solid.clone(), progress);
         let Some((base, grid)) = &self.base else {
             return self.solid.as_ref().map_or_else(|| Err(Error::undetermined("no solid")), smooth);
         };
@@ -239,16 +235,29 @@ impl FirstShape {
     /// # Errors
     /// That of an interrupted `progress`.
     pub(super) fn over_quads_instead(&self, progress: &dyn Progress) -> Result<Option<Surface>> {
-        let is_open = self.base.as_ref().is_none_or(|(base, _)| base.shape == Shape::Sheet);
-        let handles = self.options.handles().filter(|_| !is_open && self.size >= MIN_FOR_HANDLES);
-        let (Some(handles), None) = (handles, &self.solid) else { return Ok(None) };
-        let Some(solid) = if_determined(enclosing_mesh(&self.points, &self.normals, handles))? else {
-            return Ok(None);
-        };
-        let mesh = CreasedMesh::smooth(solid);
-        let any = 0..=usize::MAX;
-        let made = surface_over_quads(mesh, self.size, self.options.max_coefficients, any, progress);
-        Ok(if_determined(made)?.map(|made| made.surface))
+        let Some(handles) = self.handles_instead() else { return Ok(None) };
+        match if_determined(enclosing_mesh(&self.points, &self.normals, handles))? {
+            Some(solid) => if_determined(self.smooth_surface(solid, progress)),
+            None => Ok(None),
+        }
+    }
+
+    /// True if [`Self::over_quads_instead`] may find a surface.
+    pub(super) fn may_lie_over_quads_instead(&self) -> bool {
+        self.handles_instead().is_some()
+    }
+
+    /// The handles of a surface over quads instead of one over a base shape, if there may be one.
+    fn handles_instead(&self) -> Option<Handles> {
+        let encloses = self.base.as_ref().is_some_and(|(base, _)| base.shape != Shape::Sheet);
+        let is_possible = encloses && self.solid.is_none() && self.size >= MIN_FOR_HANDLES;
+        self.options.handles().filter(|_| is_possible)
+    }
+
+    /// A surface over quads without sharp edges.
+    fn smooth_surface(&self, solid: TriangleMesh, progress: &dyn Progress) -> Result<Surface> {
+        let (mesh, any) = (CreasedMesh::smooth(solid), 0..=usize::MAX);
+        Ok(surface_over_quads(mesh, self.size, self.options.max_coefficients, any, progress)?.surface)
     }
 
     /// A surface over a layout that follows sharp edges. Where layouts fold, it is smooth, and the choice

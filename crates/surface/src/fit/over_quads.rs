@@ -354,22 +354,24 @@ impl<'a> Draft<'a> {
     /// Richardson iteration `c ← c + x − S(ξ)`, as in [`planish_spline::fit_function`].
     fn interpolating(&self, mut surface: Surface, rest: f64) -> Result<Surface> {
         let space = Arc::clone(surface.space());
-        let wanted: Vec<(usize, [f64; 2], DVec3)> = (space.node_anchors().par_iter())
+        let longest = |leaf: usize| match space.has_creases() {
+            true => LONGEST_OFFSET * surface.leaf_area(leaf).sqrt(),
+            false => f64::INFINITY,
+        };
+        let wanted: Vec<(usize, [f64; 2], DVec3, f64)> = (space.node_anchors().par_iter())
             .map(|&[u, v]| {
                 let (leaf, local) = space.locate(u, v);
-                (leaf, local, self.position([u, v]))
+                (leaf, local, self.position([u, v]), longest(leaf))
             })
             .collect();
-        let share = if space.has_creases() { LONGEST_OFFSET } else { f64::INFINITY };
-        let longest: Vec<f64> =
-            wanted.iter().map(|(leaf, ..)| share * surface.leaf_area(*leaf).sqrt()).collect();
         for _ in 0..INTERPOLATION_STEPS {
             let gaps: Vec<DVec3> = (wanted.par_iter())
-                .map(|&(leaf, [s, t], wanted)| wanted - surface.leaf_point(leaf, s, t))
+                .map(|&(leaf, [s, t], wanted, _)| wanted - surface.leaf_point(leaf, s, t))
                 .collect();
             let moved = |k: usize| {
-                let (at, offset) = (wanted[k].2, surface.vertices()[k] + gaps[k] - wanted[k].2);
-                at + offset * (longest[k] / offset.length().max(f64::MIN_POSITIVE)).min(1.0)
+                let (_, _, at, longest) = wanted[k];
+                let offset = surface.vertices()[k] + gaps[k] - at;
+                at + offset * (longest / offset.length().max(f64::MIN_POSITIVE)).min(1.0)
             };
             surface = surface.with_vertices((0..gaps.len()).map(moved).collect())?;
             if gaps.iter().all(|gap| gap.length() < rest) {

@@ -31,7 +31,7 @@ impl CreaseSummary {
     pub(crate) fn of(posterior: &Posterior<'_>) -> Result<Option<Self>> {
         let surface = posterior.surface();
         let space = surface.space();
-        if space.domain().is_none_or(|domain| domain.creases().is_empty()) {
+        if !space.has_creases() {
             return Ok(None);
         }
         let mut parts: Vec<(f64, f64)> = Vec::new();

@@ -56,6 +56,14 @@ impl SurfaceTopology {
     }
 }
 
+/// True if the surfaces of a space have no borders.
+pub(crate) fn is_closed(space: &Hierarchy) -> bool {
+    match space.domain() {
+        Some(domain) => domain.borders() == 0,
+        None => !matches!(space.shape(), Some(Shape::Sheet | Shape::Tube)),
+    }
+}
+
 impl Display for SurfaceTopology {
     /// A noun: the name of a shape, or `closed surface with 2 handles`.
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {

@@ -1,9 +1,9 @@
 //! Openings of the readings: connected parts of a closed surface without any.
 
 use crate::fit::leaves::neighbourhood;
-use crate::model::{Observed, SurfaceModel, SurfaceTopology, middles};
+use crate::model::{Observed, SurfaceModel, is_closed, middles};
 use planish_core::numbers::significant;
-use planish_core::{DVec3, DisjointSets, Finding, FindingCode, Setting};
+use planish_core::{BoundingBox, DVec3, DisjointSets, Finding, FindingCode, Setting};
 use std::collections::BTreeMap;
 
 /// Smallest share of a closed surface in openings that is reported. A gap of 10 mm in one of three joined
@@ -66,7 +66,7 @@ pub(super) fn openings<'a>(
 /// The finding about a closed surface of which much was closed without readings; none for other surfaces.
 /// `origin` is the world position of the origin of the surface's coordinates.
 pub(super) fn closed_openings(model: &SurfaceModel, areas: &[f64], origin: DVec3) -> Option<Finding> {
-    if SurfaceTopology::of(model.surface.space()).borders > 0 {
+    if !is_closed(model.surface.space()) {
         return None;
     }
     let (cells, total) = (unobserved_cells(model, areas), areas.iter().sum::<f64>());
@@ -81,8 +81,8 @@ pub(super) fn closed_openings(model: &SurfaceModel, areas: &[f64], origin: DVec3
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let described: Vec<String> = (found.iter().take(MAX_LISTED))
-        .map(|(_, opening)| {
-            let (middle, size) = place_and_size(opening);
+        .filter_map(|(_, opening)| place_and_size(opening))
+        .map(|(middle, size)| {
             let [x, y, z] = (middle + origin).to_array().map(|c| significant(c, 4));
             format!("({x}, {y}, {z}) {unit}, of size {} {unit}", significant(size, 2), unit = model.unit)
         })
@@ -100,14 +100,12 @@ pub(super) fn closed_openings(model: &SurfaceModel, areas: &[f64], origin: DVec3
     Some(Finding::new(FindingCode::OpeningsClosed, text).with_setting(Setting::Close))
 }
 
-/// The middle of an opening, on the surface, and the diagonal of its bounding box.
-fn place_and_size(opening: &[&UnobservedCell]) -> (DVec3, f64) {
-    let corners = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (low, high) =
-        opening.iter().fold(corners, |(low, high), cell| (low.min(cell.place), high.max(cell.place)));
-    let middle = 0.5 * (low + high);
+/// The middle of an opening, on the surface, and the diagonal of its bounding box; none without cells.
+fn place_and_size(opening: &[&UnobservedCell]) -> Option<(DVec3, f64)> {
+    let places = || opening.iter().map(|cell| cell.place);
+    let bounds = BoundingBox::around(places())?;
+    let middle = bounds.center();
     // The middle of the box may be far from the surface.
-    let nearest = (opening.iter().map(|cell| cell.place))
-        .min_by(|a, b| a.distance(middle).total_cmp(&b.distance(middle)));
-    (nearest.unwrap_or(middle), (high - low).length())
+    let nearest = places().min_by(|a, b| a.distance(middle).total_cmp(&b.distance(middle)))?;
+    Some((nearest, bounds.diagonal()))
 }

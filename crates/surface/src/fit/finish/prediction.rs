@@ -17,8 +17,8 @@ use super::openings::{UnobservedCell, unobserved_cells};
 use crate::fit::leaves::leaf_areas;
 use crate::fit::support::{Supporters, search_tree};
 use crate::model::{
-    Knowledge, NodeCovariance, Posterior, PredictionError, PredictiveSigma, SurfaceModel, SurfaceTopology,
-    VertexMotion,
+    Knowledge, NodeCovariance, Posterior, PredictionError, PredictiveSigma, SurfaceModel, VertexMotion,
+    is_closed,
 };
 use crate::observe::{FootChannels, Quantity, StepInput, normal_step};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -111,7 +111,7 @@ impl Finishing<'_> {
         if reach == 0.0 || spacing == 0.0 || used.len() < 2 * MIN_READINGS {
             return Ok(None);
         }
-        let is_closed = SurfaceTopology::of(model.surface.space()).borders == 0;
+        let is_closed = is_closed(model.surface.space());
         if is_closed && reach <= NEAR * spacing {
             return with_departure(None, model, measured, &unobserved);
         }
@@ -137,7 +137,7 @@ impl Finishing<'_> {
             regions += left_out.iter().flatten().max().map_or(0, |last| last + 1);
         }
         let law = law(&errors, spacing, 2.0 * radius)?;
-        with_departure(law, model, measured, &unobserved)
+        if is_closed { with_departure(law, model, measured, &unobserved) } else { Ok(law) }
     }
 
     fn foot_point(&self, model: &SurfaceModel, k: usize) -> DVec3 {
@@ -366,16 +366,13 @@ fn carried(errors: &PredictiveSigma, earlier: &SurfaceModel, model: &SurfaceMode
     }
 }
 
-/// The errors with the departure of openings, if the surface is closed.
+/// The errors with the departure of the openings of a closed surface.
 fn with_departure(
     law: Option<PredictiveSigma>,
     model: &SurfaceModel,
     measured: &Supporters,
     unobserved: &[UnobservedCell],
 ) -> Result<Option<PredictiveSigma>> {
-    if SurfaceTopology::of(model.surface.space()).borders > 0 {
-        return Ok(law);
-    }
     // Without regions that can be left out, the posterior stays.
     let unchanged = PredictionError { distance: 1.0, factor: 1.0, floor: 0.0 };
     let law = law.map_or_else(|| PredictiveSigma::new(vec![unchanged], 0.0, 1.0), Ok)?;

@@ -4,7 +4,7 @@
 use super::Finishing;
 use crate::fit::leaves::with_neighbours;
 use crate::fit::support::{OCCUPANCY_DEPTH, Occupancy, Supporters, collapsed, occupancy_at, supported_cells};
-use crate::model::{Observed, Support, SupportCell, SurfaceModel, SurfaceTopology, middles};
+use crate::model::{Observed, Support, SupportCell, SurfaceModel, is_closed, middles};
 use crate::observe::Quantity;
 use planish_core::DVec3;
 use planish_estimate::Result;
@@ -63,8 +63,7 @@ impl Finishing<'_> {
         let Some(measured) = Supporters::new(points, normals)? else {
             return Ok((Support::default(), None));
         };
-        let is_closed = SurfaceTopology::of(surface.space()).borders == 0;
-        let measured = if is_closed { measured.on_closed_surface() } else { measured };
+        let measured = if is_closed(surface.space()) { measured.on_closed_surface() } else { measured };
         let inferred = {
             let (points, normals) = self.feet_points(surface, |k| !self.is_measured_foot(k));
             Supporters::new(points, normals)?
