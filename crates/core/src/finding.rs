@@ -110,6 +110,8 @@ codes! {
     SurfaceRefused = "surface-refused", Error:
         "The surface does not follow much of its readings; the result was forced.",
     MostlyUnmeasured = "mostly-unmeasured", Warning: "Less than half of the surface was measured.",
+    EdgesSmooth = "edges-smooth", Warning:
+        "The readings show sharp edges at which the surface is smooth.",
     OpeningsClosed = "openings-closed", Warning:
         "Parts of a closed surface have no readings: they follow from the smoothness prior.",
     ManyRejected = "many-rejected", Warning: "More than a tenth of the readings was rejected.",

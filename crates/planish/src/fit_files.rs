@@ -227,7 +227,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         posterior: &posterior,
         provenance: earlier.map(|earlier| earlier.provenance).unwrap_or_default(),
     };
-    let mut written = write(job, &set, to_write, progress, &mut report.findings)?;
+    let mut written = write(job, &set, to_write, progress, &mut report)?;
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
@@ -329,7 +329,7 @@ fn write(
     set: &ScanSet,
     ToWrite { outputs, model, posterior, mut provenance }: ToWrite<'_>,
     progress: &dyn Progress,
-    findings: &mut Vec<Finding>,
+    report: &mut FitReport,
 ) -> Result<Vec<WrittenFile>> {
     let options = OutputOptions {
         mesh_tolerance: job.mesh_tolerance.map(|length| length.in_unit(model.unit)),
@@ -338,7 +338,10 @@ fn write(
         georeference: set.georeference.clone(),
     };
     let prepared = prepare(model, posterior, outputs, &options)?;
-    findings.extend(prepared.findings.iter().cloned());
+    report.findings.extend(prepared.findings.iter().cloned());
+    if job.closing == Closing::Never {
+        report.topology.borders = prepared.borders().unwrap_or(report.topology.borders);
+    }
     provenance.push(session(job, set));
     // The last point at which a job can be interrupted. Files that were begun are completed.
     progress.check(WRITING_STAGE, 0.95)?;

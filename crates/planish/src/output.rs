@@ -246,7 +246,9 @@ pub fn prepare<'a>(
     options: &OutputOptions,
 ) -> Result<Prepared<'a>> {
     // One mesh serves all mesh formats, so that they agree with each other.
-    let mesh = match outputs.iter().any(|output| output.format.is_mesh()) {
+    // An opened surface has the borders of its mesh.
+    let is_opened = options.closing == Closing::Never;
+    let mesh = match is_opened || outputs.iter().any(|output| output.format.is_mesh()) {
         true => Some(trimmed_mesh_from_model(model, posterior, options.closing, options.mesh_tolerance)?),
         false => None,
     };
@@ -292,6 +294,11 @@ fn stl_findings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<Finding> {
 }
 
 impl Prepared<'_> {
+    /// Border loops of the mesh; none if no output needs one.
+    pub fn borders(&self) -> Option<usize> {
+        self.mesh.as_ref().map(|mesh| mesh.mesh.check().boundary_loops)
+    }
+
     /// Writes all outputs. Saved models contain `provenance`.
     ///
     /// # Errors

@@ -50,6 +50,7 @@ pub fn counted(n: usize, what: &str) -> String {
         _ if n == 1 => what.to_owned(),
         Some(stem) => format!("{stem}ices"),
         None if what.ends_with("ch") => format!("{what}es"),
+        None if what.ends_with("dy") => what.replacen("dy", "dies", 1),
         None => format!("{what}s"),
     };
     format!("{} {noun}", count(n))

@@ -7,7 +7,7 @@ use planish::FindingCode;
 use planish::Unit;
 use planish::animation::AnimationReport;
 use planish::complete::{GapReport, SymmetryReport};
-use planish::fit::{BendingReport, Filter, FitReport, FitTermination, FitVerdict};
+use planish::fit::{BendingReport, BodiesAndHandles, Filter, FitReport, FitTermination, FitVerdict};
 use planish::fit_files::FitJobReport;
 use planish::output::{OutputFormat, WrittenFile};
 
@@ -89,11 +89,31 @@ fn facts(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
         ("residuals", residuals),
         ("held out", held_out),
         ("σ of the surface", sigma),
+        ("topology", topology(fit, *unit)),
         ("sharp edges", edges),
         ("measured", format!("{} of the area", percent(fit.observed_area_fraction))),
         ("subdivided", subdivided(fit)),
         ("termination", termination(fit).to_owned()),
     ]);
+}
+
+/// How steadily the readings show the topology; empty if it does not come from them.
+fn topology(fit: &FitReport, unit: Unit) -> String {
+    let Some(margin) = &fit.topology_margin else { return String::new() };
+    let other = |name: &str, other: Option<BodiesAndHandles>| {
+        other.map_or(String::new(), |other| {
+            let numbers = [counted(other.components, "body"), counted(other.genus, "handle")].join(" and ");
+            format!("; {numbers} with {name} smoothing")
+        })
+    };
+    let [from, to] = margin.smoothing;
+    format!(
+        "the same if the readings are smoothed over {} to {} {unit}{}{}",
+        significant(from, 2),
+        significant(to, 2),
+        other("weaker", margin.weaker),
+        other("stronger", margin.stronger)
+    )
 }
 
 /// The files that were written.

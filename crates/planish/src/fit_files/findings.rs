@@ -19,8 +19,11 @@ const MAX_DIFFERENCE_SIGMAS: f64 = 0.5;
 const MAX_REJECTED: f64 = 0.1;
 /// Minimum number of readings for judging a scan. With 30, the rms has a relative σ of 13 %.
 const MIN_JUDGED: usize = 30;
-/// Largest ratio between predicted and observed σ of held-out readings that counts as consistent.
-const SIGMA_TOLERANCE: f64 = 1.25;
+/// Largest ratio between predicted and observed σ of held-out readings that counts as consistent, apart from
+/// chance. Intervals of 95 % cover 92.5 % of normal errors then.
+const SIGMA_TOLERANCE: f64 = 1.1;
+/// Standard errors of the ratio, `1/√(2n)` for `n` readings, that are added for chance.
+const CHANCE: f64 = 3.0;
 
 /// The findings that follow from the figures of a fit.
 pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
@@ -44,14 +47,15 @@ pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
 /// Whether σ agrees with the held-out readings.
 fn held_out(report: &FitReport) -> Option<Finding> {
     let ratio = report.held_out.rms_normalised;
+    let tolerance = SIGMA_TOLERANCE + CHANCE / (2.0 * report.held_out.n.max(1) as f64).sqrt();
     let (code, text) = match report.held_out.n {
         0 => return None,
-        _ if ratio > SIGMA_TOLERANCE => (
+        _ if ratio > tolerance => (
             FindingCode::SigmaTooSmall,
             format!("σ is too small: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
         // The same factor in both directions: σ that is too large is wrong, too.
-        _ if ratio < 1.0 / SIGMA_TOLERANCE => (
+        _ if ratio < 1.0 / tolerance => (
             FindingCode::SigmaTooLarge,
             format!("σ is too large: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),

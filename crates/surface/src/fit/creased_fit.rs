@@ -45,6 +45,19 @@ pub(super) fn fit_first_shape(
     shape: &FirstShape,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
+    let mut fit = best_fit(observations, options, shape, progress)?;
+    if fit.surface.space().domain().is_some() && fit.shown.topology_margin.is_none() {
+        fit.shown = shape.shown();
+    }
+    Ok(fit)
+}
+
+fn best_fit(
+    observations: &mut Observations,
+    options: &FitOptions,
+    shape: &FirstShape,
+    progress: &dyn Progress,
+) -> Result<ConvergedFit> {
     let mut choice = CreaseChoice::default();
     let mut best: Option<(Defects, ConvergedFit)> = None;
     for attempt in 1..=MAX_CREASED_FITS {
@@ -184,10 +197,13 @@ fn or_over_quads(
     if of_base <= 1.0 {
         return fit;
     }
-    let Some(surface) = shape.over_quads_instead(progress)? else { return fit };
+    let Some((surface, margin)) = shape.over_quads_instead(progress)? else { return fit };
     let subset = observations.fitted();
     match refine_to_noise(observations, surface, subset, options, progress) {
-        Ok(other) if Defects::of(&other, observations, options)?.most() < of_base => Ok(other),
+        Ok(mut other) if Defects::of(&other, observations, options)?.most() < of_base => {
+            other.shown.topology_margin = Some(margin);
+            Ok(other)
+        }
         Err(error) if error.kind() != ErrorKind::Undetermined => Err(error),
         _ => fit,
     }

@@ -10,7 +10,7 @@
 mod base;
 
 use super::FitOptions;
-use super::first::base_grid;
+use super::first::{ShownShape, base_grid};
 use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
 use super::marginal::{MarginalHeights, row_of_heights};
 use super::minimum::{free_parameters, refuse_line, refuse_too_few, refuse_vague};
@@ -315,6 +315,7 @@ impl<'a> HeightFit<'a> {
             refined: RefinementLog::default(),
             kind: ConvergedKind::AlongNormals,
             marginal: Some(marginal),
+            shown: ShownShape::default(),
         })
     }
 

@@ -27,10 +27,11 @@ mod support;
 
 pub(super) use degrees::variances_of_surface;
 pub(super) use findings::common_findings;
-use planish_core::{DVec3, Finding, FindingCode, Setting};
+use planish_core::{DVec3, Setting};
 pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 
 use super::batches::AddedBatches;
+use super::first::ShownShape;
 use super::leaves::leaf_areas;
 use super::local_misfit::{LeafMisfit, local_misfit};
 use super::misfit_report::{MisfitReport, misfit_regions};
@@ -45,8 +46,8 @@ use super::verdict::{Verdict, VerdictInput, judge_surface, refuse_far_larger_noi
 use super::weights::{Weighting, weights};
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{
-    CreaseSummary, Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, Support,
-    SurfaceModel, SurfaceTopology, VertexInformation,
+    CreaseSummary, Knowledge, NodeCovariance, Observed, Posterior, SensorReport, Support, SurfaceModel,
+    SurfaceTopology, VertexInformation,
 };
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
 use crate::subdivision::RefinementLog;
@@ -133,7 +134,7 @@ pub(super) fn finish(
     progress: &dyn Progress,
 ) -> Result<Fit> {
     let ConvergedFit { surface, system, subset, feet, noise, weight, prior, mut at, .. } = converged;
-    let ConvergedFit { reached_limit, reached_tolerance, kind, refined, marginal, .. } = converged;
+    let ConvergedFit { reached_limit, reached_tolerance, kind, refined, marginal, shown, .. } = converged;
     let FinishInput { set, observations, options, earlier, added, origin } = input;
     progress.check("information", 0.9)?;
     let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
@@ -222,7 +223,7 @@ pub(super) fn finish(
         unresolved,
         verdict: &verdict,
         misfit,
-        ending: Ending { reached_limit, reached_tolerance, refined },
+        ending: Ending { reached_limit, reached_tolerance, refined, shown },
     };
     let report = this.report(&judged, &mut at)?;
     let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise, options.gate);
@@ -251,11 +252,12 @@ struct Judged<'a> {
     ending: Ending,
 }
 
-/// How the iterations ended.
+/// From what the iterations began, and how they ended.
 struct Ending {
     reached_limit: bool,
     reached_tolerance: bool,
     refined: RefinementLog,
+    shown: ShownShape,
 }
 
 /// Root mean square of the residuals of all positions.
@@ -339,18 +341,20 @@ impl Finishing<'_> {
                 inferred_share: share_of(Observed::Inferred),
                 too_shallow,
                 reached_limit: ending.reached_limit,
+                edge_lengths: [ending.shown.edge_length, creases.map_or(0.0, |own| own.length)],
             },
         );
         // Places that the verdict names are far from the surface, and contain those of larger residuals.
         let misfit = || fit.misfit.as_ref().and_then(|found| found.finding(model.unit));
         findings.extend(fit.verdict.finding.clone().or_else(misfit));
-        findings.extend(closed_openings(model, &areas, self.origin));
+        findings.extend(closed_openings(model, &areas, self.origin, &rejected));
         let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {
             observations: totals.count,
             rejected,
             topology: SurfaceTopology::of(space),
+            topology_margin: ending.shown.topology_margin,
             coefficients: space.node_count(),
             levels: space.levels(),
             cells: space.leaves().len(),
@@ -564,36 +568,5 @@ impl Finishing<'_> {
             rows: (own_rows + other_rows).max(1) as f64,
             own_rows,
         }
-    }
-
-    /// The pose of every scan, with its estimate where it was unknown; directions that stay open are added
-    /// to the findings.
-    fn poses(
-        &self,
-        covariance: &NodeCovariance,
-        stated: &[f64],
-        findings: &mut Vec<Finding>,
-    ) -> Result<Vec<ScanPoseReport>> {
-        let mut poses = scan_pose_reports(self.set);
-        let Some(bordered) = covariance.scan_errors() else {
-            return Ok(poses);
-        };
-        for estimate in self.observations.scan_errors.estimates(bordered, stated)? {
-            let pose = &mut poses[estimate.scan];
-            estimate.report(pose, self.origin, &self.observations.readings);
-            if !pose.undetermined.is_empty() {
-                findings.push(Finding::new(
-                    FindingCode::PoseUndetermined,
-                    format!(
-                        "the readings do not determine {} of the six directions of the pose of {} (see \
-                         `undetermined` of the pose in the JSON object); the object may be symmetric, or \
-                         the scan small or flat",
-                        pose.undetermined.len(),
-                        pose.scan
-                    ),
-                ));
-            }
-        }
-        Ok(poses)
     }
 }

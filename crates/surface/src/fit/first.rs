@@ -9,10 +9,11 @@
 use super::creases::{SharpEdges, Sphere, may_have_creases, with_creases};
 use super::division::MIN_LEAF_SIGMAS;
 use super::drape::{READINGS_PER_FIRST_LEAF, drape};
+use super::enclosing_mesh::{EnclosingMesh, TopologyMargin, enclosing_mesh};
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use super::options::{FitOptions, Handles};
-use super::over_quads::{MOST_WITH_CREASES, enclosing_mesh, surface_over_quads};
+use super::over_quads::{MOST_WITH_CREASES, surface_over_quads};
 use crate::layout::CreasedMesh;
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::{DVec3, ErrorKind, Progress};
@@ -78,6 +79,15 @@ impl Default for CreaseChoice {
     }
 }
 
+/// What readings show before a fit follows them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ShownShape {
+    /// How steadily they show their topology; none if it was not taken from them.
+    pub topology_margin: Option<TopologyMargin>,
+    /// Length of the sharp edges.
+    pub edge_length: f64,
+}
+
 /// What readings show of their surface: a solid of any topology with its sharp edges, or a base shape.
 pub(super) struct FirstShape {
     points: Vec<DVec3>,
@@ -89,7 +99,7 @@ pub(super) struct FirstShape {
     has_scan_errors: bool,
     options: FitOptions,
     /// The border of the solid, if the surface may lie over quads.
-    solid: Option<TriangleMesh>,
+    solid: Option<EnclosingMesh>,
     /// The same with its sharp edges, if there are any and the fit may follow them.
     creased: Option<SharpEdges>,
     /// The base shape and its grid; none if the number of handles is given.
@@ -169,7 +179,7 @@ impl FirstShape {
             own.find_solid(base, multiple, progress)?;
         }
         if let Some(solid) = own.solid.as_ref().filter(|_| options.follows_creases()) {
-            let found = with_creases(solid.clone(), &own.points, &own.normals, own.sigma)?;
+            let found = with_creases(solid.mesh.clone(), &own.points, &own.normals, own.sigma)?;
             own.creased = Some(found).filter(|found| !found.is_empty());
         }
         Ok(own)
@@ -214,7 +224,7 @@ impl FirstShape {
         {
             return Ok(surface);
         }
-        let smooth = |solid: &TriangleMesh| self.smooth_surface(solid.clone(), progress);
+        let smooth = |solid: &EnclosingMesh| self.smooth_surface(solid.mesh.clone(), progress);
         let Some((base, grid)) = &self.base else {
             return self.solid.as_ref().map_or_else(|| Err(Error::undetermined("no solid")), smooth);
         };
@@ -234,11 +244,24 @@ impl FirstShape {
     ///
     /// # Errors
     /// That of an interrupted `progress`.
-    pub(super) fn over_quads_instead(&self, progress: &dyn Progress) -> Result<Option<Surface>> {
+    pub(super) fn over_quads_instead(
+        &self,
+        progress: &dyn Progress,
+    ) -> Result<Option<(Surface, TopologyMargin)>> {
         let Some(handles) = self.handles_instead() else { return Ok(None) };
         match if_determined(enclosing_mesh(&self.points, &self.normals, handles))? {
-            Some(solid) => if_determined(self.smooth_surface(solid, progress)),
+            Some(EnclosingMesh { mesh, margin }) => {
+                Ok(if_determined(self.smooth_surface(mesh, progress))?.map(|surface| (surface, margin)))
+            }
             None => Ok(None),
+        }
+    }
+
+    /// What the readings show, by which a fit is judged.
+    pub(super) fn shown(&self) -> ShownShape {
+        ShownShape {
+            topology_margin: self.solid.as_ref().map(|solid| solid.margin),
+            edge_length: self.creased.as_ref().map_or(0.0, SharpEdges::length),
         }
     }
 

@@ -416,6 +416,7 @@ impl Solved {
         }
         Ok(FitReport {
             observations: self.count(),
+            topology_margin: None,
             topology: SurfaceTopology::of(space),
             coefficients: space.node_count(),
             levels: 1,

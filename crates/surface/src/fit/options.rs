@@ -281,12 +281,10 @@ impl Strategy {
 impl FitOptions {
     /// The handles of a closed surface over quads; none if the surface is a sheet, tube, ball or torus.
     pub(super) fn handles(&self) -> Option<Handles> {
-        let Strategy::Global(GlobalOptions { symmetry, fill_gaps, genus, .. }) = &self.strategy else {
-            return None;
-        };
+        let Strategy::Global(GlobalOptions { genus, .. }) = &self.strategy else { return None };
         match genus {
             Some(genus) => Some(Handles::Exactly(*genus)),
-            None if self.shape.is_some() || symmetry.is_some() || *fill_gaps => None,
+            None if self.shape.is_some() => None,
             None => Some(Handles::AsSeen),
         }
     }

@@ -1,23 +1,15 @@
 //! Starting surfaces of any topology, over a mesh of quads.
 //!
-//! Input: oriented points. Output: the level set of their indicator, and a surface on it.
+//! Input: the closed mesh that readings enclose (see [`super::enclosing_mesh`]). Output: a surface on it.
 //!
-//! Strong blur closes holes and joins bodies, weak blur makes handles of noise. The topology that stays the
-//! same from one blur to the next is taken, that of the weakest blur first.
-//!
-//! Not guaranteed: details smaller than a grid cell of the indicator. The surface is near the points, and
-//! refinement follows them.
+//! Not guaranteed: details smaller than a cell of the surface. Refinement follows them.
 
-use super::block_ranges::BlockRanges;
 use super::creases::Sphere;
-use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
 use super::leaves::{is_piece, leaf_areas};
-use super::options::Handles;
-use crate::layout::{CreasedMesh, Layout, LayoutMesh, mesh_of};
-use planish_core::{DVec3, Progress};
+use crate::layout::{CreasedMesh, Layout, LayoutMesh};
+use planish_core::{DVec3, Progress, Setting};
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_mesh::{MeshSearch, TriangleMesh, isosurface};
-use planish_sense::Neighbourhoods;
+use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::{
     FootPointSearch, Hierarchy, ProjectionOptions, Surface, TessellationOptions, tessellate,
 };
@@ -26,12 +18,6 @@ use std::collections::{BTreeMap, HashSet};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Most grid cells along each side. A complex grid then takes 113 MB.
-const MAX_CELLS: usize = 192;
-/// Steps of the number of cells, which are fast to transform.
-const CELL_STEP: usize = 32;
-/// Neighbours of which the spacing of a point is the distance.
-const NEIGHBOURS: usize = 6;
 /// Readings for each quad, at least. With six, 95 % intervals of chains of rings covered 0.88 to 0.93.
 const READINGS_PER_QUAD: usize = 3;
 /// Quads of the first layout, before each is divided into four.
@@ -54,10 +40,6 @@ const DIVIDED_MISSED: f64 = 0.05;
 /// No place is farther than this many times that distance, and what such a place adds to the share.
 const FAR_REACHES: f64 = 3.5;
 const FAR: f64 = 0.5;
-/// Blurs, in units of the weakest that the grid can represent.
-const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
-/// Smallest body, as a share of the volume of all.
-const MIN_BODY: f64 = 0.01;
 /// Divisions of the cells at extraordinary vertices at most, and readings of a cell that is divided.
 const VERTEX_DIVISIONS: usize = 4;
 const READINGS_TO_DIVIDE: f64 = 2.0;
@@ -146,6 +128,14 @@ pub(super) fn surface_over_quads(
         };
     }
     let mut best = best.ok_or_else(|| Error::undetermined("no layout of quads was found"))?;
+    let vertices = best.surface.space().node_count();
+    if vertices > max_coefficients {
+        return Err(Error::input(format!(
+            "expected a limit of at least {vertices} coefficients for a surface of this topology, found \
+             {max_coefficients}"
+        ))
+        .with_setting(Setting::MaxCoefficients));
+    }
     if !has_creases || best.defect.is_sound() {
         best.surface = divided_at_vertices(best.surface, readings)?;
     }
@@ -416,106 +406,6 @@ fn place_of(cell: usize, depth: usize) -> (usize, [f64; 2]) {
         quad /= 4;
     }
     (quad, at)
-}
-
-/// The border of the solid that points with outward normals enclose: the level set of the weakest blur of
-/// which the topology is the wanted one, or that of the next blur as well.
-///
-/// A wall that is thinner than three cells is gone at all blurs but the weakest, so a grid that shows no
-/// topology is followed by one with half the cells.
-///
-/// # Errors
-/// `Undetermined` if the topology depends on the blur, or is the wanted one at none.
-pub(super) fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Result<TriangleMesh> {
-    let cells = grid_cells(points)?;
-    let (found, mut all_handles) = steady_level_set(points, normals, wanted, cells)?;
-    if let Some(mesh) = found {
-        return Ok(mesh);
-    }
-    if cells < MAX_CELLS {
-        let (found, finer) = steady_level_set(points, normals, wanted, (2 * cells).min(MAX_CELLS))?;
-        if let Some(mesh) = found {
-            return Ok(mesh);
-        }
-        all_handles = finer;
-    }
-    let found = all_handles.join(", ");
-    Err(Error::undetermined(match wanted {
-        Handles::AsSeen => format!(
-            "the number of bodies and handles of the object depends on how strongly its readings are \
-             smoothed ({found} handles): they are too few or too noisy to show it"
-        ),
-        Handles::Exactly(number) => format!(
-            "expected readings of a closed surface with {number} handles, found {found} at increasing \
-             smoothness: add readings, or specify another genus"
-        ),
-    }))
-}
-
-/// The level set on one grid, if one has the topology, and the numbers of handles from weak to strong blur.
-fn steady_level_set(
-    points: &[DVec3],
-    normals: &[DVec3],
-    wanted: Handles,
-    cells: usize,
-) -> Result<(Option<TriangleMesh>, Vec<String>)> {
-    let indicator = Indicator::on_grid(points, normals, cells);
-    let mut before: Option<(TriangleMesh, [usize; 2])> = None;
-    let mut all_handles = Vec::new();
-    for blur in BLURS {
-        let field = indicator.blurred(MIN_BLUR_CELLS * blur * indicator.cell());
-        // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles instead
-        // of 1.
-        let mesh = level_set(&field, field.level(points), field.cell())?;
-        let Some(own @ [_, handles]) = bodies_and_handles(&mesh) else {
-            all_handles.push("unknown".to_owned());
-            before = None;
-            continue;
-        };
-        all_handles.push(handles.to_string());
-        match (wanted, before) {
-            (Handles::Exactly(number), _) if number == handles => return Ok((Some(mesh), all_handles)),
-            (Handles::AsSeen, Some((finer, last))) if last == own => return Ok((Some(finer), all_handles)),
-            _ => {}
-        }
-        before = Some((mesh, own));
-    }
-    Ok((None, all_handles))
-}
-
-/// Grid cells along each side: about one for the median spacing of points.
-fn grid_cells(points: &[DVec3]) -> Result<usize> {
-    let near = Neighbourhoods::new(points, NEIGHBOURS)?;
-    let mut spacings: Vec<f64> = (0..points.len()).map(|i| near.spacing(i)).collect();
-    let middle = spacings.len() / 2;
-    let spacing = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let cells = Indicator::grid_side(points) / spacing.max(f64::MIN_POSITIVE);
-    Ok(((cells / CELL_STEP as f64) as usize * CELL_STEP).clamp(CELLS, MAX_CELLS))
-}
-
-/// Numbers of bodies and handles; none if the mesh is not closed, as a level set that leaves the grid.
-fn bodies_and_handles(mesh: &TriangleMesh) -> Option<[usize; 2]> {
-    let check = mesh.check();
-    let is_closed = check.watertight && check.manifold && check.oriented && check.components > 0;
-    let handles = (2 * check.components as i64 - check.euler_characteristic) / 2;
-    is_closed.then_some([check.components, handles.max(0) as usize])
-}
-
-/// The closed surface on which an indicator has a level, without cavities and small bodies.
-fn level_set(field: &BlurredIndicator, level: f64, cell: f64) -> Result<TriangleMesh> {
-    let height = |p: DVec3| level - field.sample(p).0;
-    let slope = field.largest_slope();
-    let ranges = BlockRanges::new(field);
-    let near = |p: DVec3, reach: f64| ranges.may_hold(level, p, reach) && height(p).abs() <= slope * reach;
-    let mesh = isosurface(&field.bounds(), cell, height, near)?;
-    let parts = mesh.parts();
-    let mut volumes = vec![0.0; parts.iter().max().map_or(0, |last| *last as usize + 1)];
-    for (index, &part) in parts.iter().enumerate() {
-        let [a, b, c] = mesh.corners(index);
-        volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
-    }
-    let all: f64 = volumes.iter().map(|v| v.max(0.0)).sum();
-    mesh_of(&mesh, |index| volumes[parts[index] as usize] >= MIN_BODY * all)
 }
 
 /// The surface with the cells at extraordinary vertices divided, while they hold enough readings.

@@ -11,7 +11,7 @@
 
 use super::division::growth_log;
 use super::finish::{FinishInput, finish};
-use super::first::first_surface;
+use super::first::{ShownShape, first_surface};
 use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, ConvergedKind, refine_to_noise};
@@ -417,6 +417,7 @@ pub(super) fn update_patches(
         refined: RefinementLog::default(),
         kind: ConvergedKind::AlongNormals,
         marginal: None,
+        shown: ShownShape::default(),
     };
     let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
@@ -530,5 +531,6 @@ pub(super) fn stream(
         noise: first.noise,
         weight: first.weight,
         marginal: None,
+        shown: ShownShape::default(),
     })
 }

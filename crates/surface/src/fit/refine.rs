@@ -10,6 +10,7 @@
 use super::FitOptions;
 use super::bending_energy::BendingEnergy;
 use super::division::{Misfit, chance_misfits, deepest, divided_within_budget, growth_log, log_divisions};
+use super::first::ShownShape;
 use super::folds::refuse_folds_at_creases;
 use super::inferred::share_errors;
 use super::leaves::leaf_areas;
@@ -110,6 +111,8 @@ pub(super) struct ConvergedFit {
     pub kind: ConvergedKind,
     /// The posterior over σ and the weight, if the readings were few.
     pub marginal: Option<MarginalHeights>,
+    /// What the readings showed before the fit.
+    pub shown: ShownShape,
 }
 
 /// How the vertices of a converged surface are known; each kind becomes a [`crate::model::Knowledge`].
@@ -515,6 +518,7 @@ impl Refinement<'_> {
             refined: RefinementLog::default(),
             kind: ConvergedKind::AlongNormals,
             marginal: None,
+            shown: ShownShape::default(),
         })
     }
 }

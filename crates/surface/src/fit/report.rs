@@ -1,5 +1,6 @@
 //! The figures of a fit.
 
+use super::enclosing_mesh::TopologyMargin;
 use super::misfit_report::MisfitReport;
 use super::surface_misfit::UnresolvedPlace;
 use super::unresolved_shape::UnresolvedShape;
@@ -43,6 +44,9 @@ pub struct FitReport {
     /// Topology.
     #[serde(flatten)]
     pub topology: SurfaceTopology,
+    /// How steadily the readings show it; none for base shapes, and if a model gives the topology.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub topology_margin: Option<TopologyMargin>,
     /// Control vertices.
     pub coefficients: usize,
     /// Levels of the hierarchy.

@@ -2,6 +2,7 @@
 
 use super::FitOptions;
 use super::finish::variances_of_surface;
+use super::first::ShownShape;
 use super::local_misfit::local_variances;
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, ConvergedKind};
@@ -84,6 +85,7 @@ pub(super) fn add_to_model(
         refined: RefinementLog::default(),
         kind: ConvergedKind::AlongNormals,
         marginal: None,
+        shown: ShownShape::default(),
         system,
     })
 }

@@ -455,13 +455,13 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
                 _ => "holes through it or handles, or thin walls".to_owned(),
             };
             format!(
-                "the object has {holes}, which a {noun} cannot have: only the global filter, without a given \
-                 shape, symmetry or completion, fits surfaces of other topology"
+                "the object has {holes}, which a {noun} cannot have: only the global filter without a given \
+                 shape fits surfaces of other topology"
             )
         }
         _ => format!(
-            "there is an edge, a hole, a thin part or another feature that a smooth {noun} of this \
-             resolution does not have{}{}",
+            "there is an edge, a hole, a thin part, a narrow gap between bodies or another feature that a smooth \
+             {noun} of this resolution does not have{}{}",
             shape.map_or_else(String::new, |_| format!(", or it is no {noun}")),
             if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),

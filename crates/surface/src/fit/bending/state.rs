@@ -5,6 +5,7 @@
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
+use crate::fit::first::ShownShape;
 use crate::fit::leaves::{leaf_areas, leaves_with_feet};
 use crate::fit::noise::SensorNoise;
 use crate::fit::refine::{ConvergedFit, ConvergedKind};
@@ -174,6 +175,7 @@ impl Sheet<'_> {
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,
             marginal: None,
+            shown: ShownShape::default(),
         };
         Ok(BentState { converged, beyond, held })
     }

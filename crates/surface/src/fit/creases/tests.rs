@@ -2,8 +2,8 @@
 
 use super::chains::{close_corners, graph_of};
 use super::{SharpEdges, Sphere, with_creases};
+use crate::fit::enclosing_mesh::enclosing_mesh;
 use crate::fit::options::Handles;
-use crate::fit::over_quads::enclosing_mesh;
 use crate::layout::CreasedMesh;
 use planish_core::{BoundingBox, DVec3};
 use planish_mesh::{TriangleMesh, isosurface};
@@ -148,7 +148,7 @@ fn readings(body: &Body, count: usize, spread: Spread, seed: u64) -> (Vec<DVec3>
 
 fn creased(body: &Body, count: usize, spread: Spread, seed: u64) -> (TriangleMesh, CreasedMesh, f64) {
     let (points, normals) = readings(body, count, spread, seed);
-    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
+    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap().mesh;
     let spacing = (mesh.area() / count as f64).sqrt();
     let made = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap().mesh;
     (mesh, made, spacing)
@@ -205,7 +205,7 @@ fn edges_of_a_cuboid_are_creases_that_meet_at_its_corners() {
 fn edges_can_be_left_out_near_a_corner() {
     let body = cuboid();
     let (points, normals) = readings(&body, 6000, Spread::Uniform, 8);
-    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
+    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap().mesh;
     let all = with_creases(mesh.clone(), &points, &normals, SIGMA).unwrap();
     let left_out = Sphere { center: HALF, radius: 5.0 };
     let rest = all.without(&[left_out]);
@@ -282,7 +282,7 @@ fn estimated_normals_show_the_edges_of_a_can() {
     for (own, given) in estimated.iter_mut().zip(&normals) {
         *own *= 1.0_f64.copysign(own.dot(*given));
     }
-    let mesh = enclosing_mesh(&points, &estimated, Handles::AsSeen).unwrap();
+    let mesh = enclosing_mesh(&points, &estimated, Handles::AsSeen).unwrap().mesh;
     let spacing = (mesh.area() / 6000.0).sqrt();
     let made = with_creases(mesh.clone(), &points, &estimated, SIGMA).unwrap().mesh;
     assert_sound(&mesh, &made, &body);

@@ -17,6 +17,10 @@ use std::collections::BTreeMap;
 /// allows for errors of the estimated σ; a folded surface is far below it.
 const MIN_SIGMA_RATIO: f64 = 0.3;
 
+/// Share of the length of sharp edges that is reported if the surface is smooth there. Lengths of edges with
+/// noise differ from those of the surface by a few percent.
+const MIN_SMOOTH_SHARE: f64 = 0.1;
+
 /// Results of the last stage that the findings depend on.
 pub(super) struct SurfaceResults<'a> {
     pub sensors: &'a [SensorReport],
@@ -29,6 +33,8 @@ pub(super) struct SurfaceResults<'a> {
     /// True if the depth limit leaves much shape unresolved.
     pub too_shallow: bool,
     pub reached_limit: bool,
+    /// Lengths of the sharp edges that the readings show, and of those of the surface.
+    pub edge_lengths: [f64; 2],
 }
 
 /// Every finding about a fit except those about its poses, in the order of the report.
@@ -68,6 +74,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
         findings
             .push(Finding::new(FindingCode::CoefficientLimit, text).with_setting(Setting::MaxCoefficients));
     }
+    findings.extend(smooth_edges(found.edge_lengths, set.unit.unwrap_or(Unit::Millimetre)));
     let lacking = observations.channels.iter().zip(&found.noise.lacks_redundancy);
     for (channel, _) in lacking.filter(|(_, lacks_redundancy)| **lacks_redundancy) {
         let text = format!(
@@ -91,6 +98,18 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     findings.extend(observations.duplicate_scan_findings(set));
     findings.extend(observations.normal_findings(set));
     findings
+}
+
+/// Edges that the readings show, and the surface does not have.
+fn smooth_edges([shown, followed]: [f64; 2], unit: Unit) -> Option<Finding> {
+    let left = shown - followed;
+    let text = format!(
+        "the readings show sharp edges of length {} {unit}; {} {unit} of them are smooth on the surface, which is \
+         rounded there over the width of a cell: most of it is marked `observed` = 3",
+        significant(shown, 3),
+        significant(left, 2)
+    );
+    (left > MIN_SMOOTH_SHARE * shown).then(|| Finding::new(FindingCode::EdgesSmooth, text))
 }
 
 /// Sensors without a stated σ whose readings may share errors that the surface follows.

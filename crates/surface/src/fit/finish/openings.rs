@@ -2,6 +2,7 @@
 
 use crate::fit::leaves::neighbourhood;
 use crate::model::{Observed, SurfaceModel, is_closed, middles};
+use crate::observe::RejectionCause;
 use planish_core::numbers::significant;
 use planish_core::{BoundingBox, DVec3, DisjointSets, Finding, FindingCode, Setting};
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ const MIN_SHARE: f64 = 0.02;
 /// Openings with less than this share of the surface are not counted: readings of a whole object leave small
 /// ones by chance, and beside sharp edges.
 const MIN_OPENING: f64 = 0.003;
+/// Isolated readings that are mentioned.
+const MIN_ISOLATED: usize = 20;
 /// Largest number of openings that are listed.
 const MAX_LISTED: usize = 3;
 
@@ -65,7 +68,14 @@ pub(super) fn openings<'a>(
 
 /// The finding about a closed surface of which much was closed without readings; none for other surfaces.
 /// `origin` is the world position of the origin of the surface's coordinates.
-pub(super) fn closed_openings(model: &SurfaceModel, areas: &[f64], origin: DVec3) -> Option<Finding> {
+///
+/// `rejected` counts readings by cause. Those of a part that was measured too sparsely are isolated.
+pub(super) fn closed_openings(
+    model: &SurfaceModel,
+    areas: &[f64],
+    origin: DVec3,
+    rejected: &BTreeMap<String, usize>,
+) -> Option<Finding> {
     if !is_closed(model.surface.space()) {
         return None;
     }
@@ -92,9 +102,16 @@ pub(super) fn closed_openings(model: &SurfaceModel, areas: &[f64], origin: DVec3
         n if n <= MAX_LISTED => format!("in {n} openings near {}", described.join("; ")),
         n => format!("in {n} openings, the largest near {}", described.join("; ")),
     };
+    let isolated = match rejected.get(RejectionCause::Isolated.name()) {
+        Some(&count) if count >= MIN_ISOLATED => format!(
+            "; {count} isolated readings were rejected, which may belong to parts that were measured sparsely"
+        ),
+        _ => String::new(),
+    };
     let text = format!(
         "{} % of the surface was closed without readings, {places}: its shape there \
-         follows from the smoothness prior alone, and σ allows for edges; specify \"never\" to leave it open",
+         follows from the smoothness prior alone, and σ allows for edges{isolated}; specify \"never\" to leave \
+         it open",
         significant(100.0 * all, 2)
     );
     Some(Finding::new(FindingCode::OpeningsClosed, text).with_setting(Setting::Close))

@@ -1,8 +1,11 @@
 //! Figures of sensors and of the poses of scans.
 
+use super::Finishing;
 use crate::fit::noise::{ResidualSums, SensorNoise};
-use crate::model::{ScanPoseReport, SensorReport};
+use crate::model::{NodeCovariance, ScanPoseReport, SensorReport};
 use crate::observe::{ProjectedReadings, Quantity};
+use planish_core::{Finding, FindingCode};
+use planish_estimate::Result;
 use planish_exchange::ScanSet;
 
 /// True if any scan states an uncertainty of its pose.
@@ -73,4 +76,37 @@ pub(super) fn sensor_reports(
                 || set.sensors.iter().any(|s| s.name == report.name && s.kind.measures_positions())
         })
         .collect()
+}
+
+impl Finishing<'_> {
+    /// The pose of every scan, with its estimate where it was unknown; directions that stay open are added
+    /// to the findings.
+    pub(super) fn poses(
+        &self,
+        covariance: &NodeCovariance,
+        stated: &[f64],
+        findings: &mut Vec<Finding>,
+    ) -> Result<Vec<ScanPoseReport>> {
+        let mut poses = scan_pose_reports(self.set);
+        let Some(bordered) = covariance.scan_errors() else {
+            return Ok(poses);
+        };
+        for estimate in self.observations.scan_errors.estimates(bordered, stated)? {
+            let pose = &mut poses[estimate.scan];
+            estimate.report(pose, self.origin, &self.observations.readings);
+            if !pose.undetermined.is_empty() {
+                findings.push(Finding::new(
+                    FindingCode::PoseUndetermined,
+                    format!(
+                        "the readings do not determine {} of the six directions of the pose of {} (see \
+                         `undetermined` of the pose in the JSON object); the object may be symmetric, or \
+                         the scan small or flat",
+                        pose.undetermined.len(),
+                        pose.scan
+                    ),
+                ));
+            }
+        }
+        Ok(poses)
+    }
 }

@@ -1,7 +1,8 @@
 //! Fits of objects with handles.
 
-use super::{Draft, bodies_and_handles, enclosing_mesh, is_piece, leaf_areas};
+use super::{Draft, is_piece, leaf_areas};
 use crate::export::{BrepOptions, Closing, brep_from_model, mesh_from_model};
+use crate::fit::enclosing_mesh::{BodiesAndHandles, bodies_and_handles, enclosing_mesh};
 use crate::fit::options::Handles;
 use crate::fit::{Fit, FitOptions, FitVerdict, GlobalOptions, Strategy, fit};
 use crate::layout::{Layout, LayoutMesh};
@@ -198,8 +199,8 @@ fn pipe(count: usize, wall: f64) -> (Vec<DVec3>, Vec<DVec3>) {
 fn a_wall_of_two_grid_cells_has_no_handles_between_its_sides() {
     // Wall 0.08, grid cells 0.046.
     let (points, normals) = pipe(5000, 0.08);
-    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap();
-    assert_eq!(bodies_and_handles(&mesh), Some([1, 1]));
+    let mesh = enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap().mesh;
+    assert_eq!(bodies_and_handles(&mesh), Some(BodiesAndHandles { components: 1, genus: 1 }));
     // A level set that leaves the grid has a border, and no layout takes it.
     let open = TriangleMesh { triangles: mesh.triangles[1..].to_vec(), ..mesh };
     assert_eq!(bodies_and_handles(&open), None);

@@ -1,0 +1,183 @@
+//! The closed mesh that oriented points enclose, with the topology that they show.
+//!
+//! Input: points with outward normals. Output: a level set of their indicator, its numbers of bodies and
+//! handles, and over which blurs these stay the same.
+//!
+//! Strong blur closes holes and joins bodies, weak blur makes handles of noise. The topology that stays the
+//! same from one blur to the next is taken, that of the weakest blur first.
+//!
+//! Not guaranteed: details smaller than a grid cell of the indicator.
+
+use super::block_ranges::BlockRanges;
+use super::indicator::{BlurredIndicator, CELLS, Indicator, MIN_BLUR_CELLS};
+use super::options::Handles;
+use crate::layout::mesh_of;
+use planish_core::DVec3;
+use planish_estimate::{Error, Result};
+use planish_mesh::{TriangleMesh, isosurface};
+use planish_sense::Neighbourhoods;
+use serde::Serialize;
+
+/// Most grid cells along each side. A complex grid then takes 113 MB.
+const MAX_CELLS: usize = 192;
+/// Steps of the number of cells, which are fast to transform.
+const CELL_STEP: usize = 32;
+/// Neighbours of which the spacing of a point is the distance.
+const NEIGHBOURS: usize = 6;
+/// Blurs, in units of the weakest that the grid can represent.
+const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
+/// Smallest body, as a share of the volume of all.
+const MIN_BODY: f64 = 0.01;
+
+/// The closed mesh that readings enclose.
+pub(super) struct EnclosingMesh {
+    pub mesh: TriangleMesh,
+    pub margin: TopologyMargin,
+}
+
+/// Numbers of bodies and handles of a closed surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct BodiesAndHandles {
+    /// Separate bodies.
+    pub components: usize,
+    /// Handles of all of them.
+    pub genus: usize,
+}
+
+/// How far readings can be smoothed until they show another topology.
+///
+/// The smoothing is that of the solid that they enclose: a Gaussian blur of its indicator, whose σ is a
+/// length. Weak smoothing turns noise into handles; strong smoothing closes holes and joins bodies.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TopologyMargin {
+    /// Smallest and largest σ of the smoothing, of those tried, at which the topology is that of the surface.
+    pub smoothing: [f64; 2],
+    /// The topology at the next weaker smoothing that was tried, if another was seen there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weaker: Option<BodiesAndHandles>,
+    /// The topology at the next stronger smoothing, if another was seen there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stronger: Option<BodiesAndHandles>,
+}
+
+/// The border of the solid that points with outward normals enclose: the level set of the weakest blur of
+/// which the topology is the wanted one, or that of the next blur as well.
+///
+/// A wall that is thinner than three cells is gone at all blurs but the weakest, so a grid that shows no
+/// topology is followed by one with half the cells.
+///
+/// # Errors
+/// `Undetermined` if the topology depends on the blur, or is the wanted one at none.
+pub(super) fn enclosing_mesh(points: &[DVec3], normals: &[DVec3], wanted: Handles) -> Result<EnclosingMesh> {
+    let cells = grid_cells(points)?;
+    let mut all_handles = match steady_level_set(points, normals, wanted, cells)? {
+        LevelSets::Steady(found) => return Ok(found),
+        LevelSets::Unsteady(handles) => handles,
+    };
+    if cells < MAX_CELLS {
+        match steady_level_set(points, normals, wanted, (2 * cells).min(MAX_CELLS))? {
+            LevelSets::Steady(found) => return Ok(found),
+            LevelSets::Unsteady(handles) => all_handles = handles,
+        }
+    }
+    let found = all_handles.join(", ");
+    Err(Error::undetermined(match wanted {
+        Handles::AsSeen => format!(
+            "the number of bodies and handles of the object depends on how strongly its readings are \
+             smoothed ({found} handles): they are too few or too noisy to show it"
+        ),
+        Handles::Exactly(number) => format!(
+            "expected readings of a closed surface with {number} handles, found {found} at increasing \
+             smoothness: add readings, or specify another genus"
+        ),
+    }))
+}
+
+/// What the level sets on one grid show.
+enum LevelSets {
+    Steady(EnclosingMesh),
+    /// The numbers of handles from weak to strong blur.
+    Unsteady(Vec<String>),
+}
+
+/// The level set on one grid, if one has the topology.
+fn steady_level_set(points: &[DVec3], normals: &[DVec3], wanted: Handles, cells: usize) -> Result<LevelSets> {
+    let indicator = Indicator::on_grid(points, normals, cells);
+    // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles instead of 1.
+    let level_set_at = |blur: f64| -> Result<(TriangleMesh, Option<BodiesAndHandles>)> {
+        let field = indicator.blurred(blur);
+        let mesh = level_set(&field, field.level(points), field.cell())?;
+        let own = bodies_and_handles(&mesh);
+        Ok((mesh, own))
+    };
+    let blurs = BLURS.map(|blur| MIN_BLUR_CELLS * blur * indicator.cell());
+    // The numbers of all blurs so far, and the mesh of the last one.
+    let mut seen: Vec<Option<BodiesAndHandles>> = Vec::new();
+    let mut last: Option<TriangleMesh> = None;
+    let is_wanted = |own: Option<BodiesAndHandles>, before: Option<BodiesAndHandles>| match wanted {
+        Handles::Exactly(number) => own.is_some_and(|own| own.genus == number),
+        Handles::AsSeen => own.is_some() && own == before,
+    };
+    for (k, &blur) in blurs.iter().enumerate() {
+        let (mesh, own) = level_set_at(blur)?;
+        let before = seen.last().copied().flatten();
+        seen.push(own);
+        if is_wanted(own, before) {
+            let (first, mesh) = match (wanted, last) {
+                (Handles::AsSeen, Some(finer)) => (k - 1, finer),
+                _ => (k, mesh),
+            };
+            let mut until = k;
+            while until + 1 < blurs.len() {
+                let (_, next) = level_set_at(blurs[until + 1])?;
+                seen.push(next);
+                if next != own {
+                    break;
+                }
+                until += 1;
+            }
+            let weaker = first.checked_sub(1).and_then(|before| seen[before]);
+            let stronger = seen.get(until + 1).copied().flatten();
+            let margin = TopologyMargin { smoothing: [blurs[first], blurs[until]], weaker, stronger };
+            return Ok(LevelSets::Steady(EnclosingMesh { mesh, margin }));
+        }
+        last = Some(mesh);
+    }
+    let text = |own: &Option<BodiesAndHandles>| own.map_or("unknown".to_owned(), |own| own.genus.to_string());
+    Ok(LevelSets::Unsteady(seen.iter().map(text).collect()))
+}
+
+/// Grid cells along each side: about one for the median spacing of points.
+fn grid_cells(points: &[DVec3]) -> Result<usize> {
+    let near = Neighbourhoods::new(points, NEIGHBOURS)?;
+    let mut spacings: Vec<f64> = (0..points.len()).map(|i| near.spacing(i)).collect();
+    let middle = spacings.len() / 2;
+    let spacing = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let cells = Indicator::grid_side(points) / spacing.max(f64::MIN_POSITIVE);
+    Ok(((cells / CELL_STEP as f64) as usize * CELL_STEP).clamp(CELLS, MAX_CELLS))
+}
+
+/// Numbers of bodies and handles; none if the mesh is not closed, as a level set that leaves the grid.
+pub(super) fn bodies_and_handles(mesh: &TriangleMesh) -> Option<BodiesAndHandles> {
+    let check = mesh.check();
+    let is_closed = check.watertight && check.manifold && check.oriented && check.components > 0;
+    let handles = (2 * check.components as i64 - check.euler_characteristic) / 2;
+    is_closed.then_some(BodiesAndHandles { components: check.components, genus: handles.max(0) as usize })
+}
+
+/// The closed surface on which an indicator has a level, without cavities and small bodies.
+fn level_set(field: &BlurredIndicator, level: f64, cell: f64) -> Result<TriangleMesh> {
+    let height = |p: DVec3| level - field.sample(p).0;
+    let slope = field.largest_slope();
+    let ranges = BlockRanges::new(field);
+    let near = |p: DVec3, reach: f64| ranges.may_hold(level, p, reach) && height(p).abs() <= slope * reach;
+    let mesh = isosurface(&field.bounds(), cell, height, near)?;
+    let parts = mesh.parts();
+    let mut volumes = vec![0.0; parts.iter().max().map_or(0, |last| *last as usize + 1)];
+    for (index, &part) in parts.iter().enumerate() {
+        let [a, b, c] = mesh.corners(index);
+        volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
+    }
+    let all: f64 = volumes.iter().map(|v| v.max(0.0)).sum();
+    mesh_of(&mesh, |index| volumes[parts[index] as usize] >= MIN_BODY * all)
+}
