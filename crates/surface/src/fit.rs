@@ -74,6 +74,7 @@ pub use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCa
 pub use crate::subdivision::{LevelRefinement, RefineBy};
 pub use bending_report::{BendingReport, BendingState};
 pub use enclosing_mesh::{BodiesAndHandles, TopologyMargin};
+pub(crate) use finish::open_leaves;
 pub use formation::{Formation, Snapshot};
 pub(crate) use leaves::with_neighbours;
 pub use local_misfit::LeafMisfit;

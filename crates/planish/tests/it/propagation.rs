@@ -450,3 +450,49 @@ fn animation_of_a_model_ends_with_the_model() {
         assert!(normalised < 3.0, "frames lie as far from the end as their σ says: {normalised}");
     }
 }
+
+/// A ring seen from one side: its handle, and its other side by a mirror plane.
+#[test]
+fn the_unobserved_side_of_a_ring_is_completed_by_its_mirror_plane() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let on_ring = |u: f64, v: f64| {
+        let normal = DVec3::new(u.cos() * v.cos(), u.sin() * v.cos(), v.sin());
+        (30.0 * DVec3::new(u.cos(), u.sin(), 0.0) + 8.0 * normal, normal)
+    };
+    let mut truth = Vec::new();
+    while truth.len() < 12_000 {
+        let [u, v] = [0; 2].map(|_| rng.random_range(0.0..std::f64::consts::TAU));
+        // Uniform over the area.
+        if rng.random::<f64>() * 38.0 < 30.0 + 8.0 * v.cos() {
+            truth.push(on_ring(u, v));
+        }
+    }
+    let seen: Vec<(DVec3, DVec3)> = truth.iter().copied().filter(|(p, _)| p.y > -3.0).collect();
+    let noise = |rng: &mut ChaCha8Rng| DVec3::from_array([0; 3].map(|_| rng.sample(StandardNormal)));
+    let scan = planish_sense::Scan {
+        name: "ring".to_owned(),
+        points: seen.iter().map(|(p, _)| *p + 0.1 * noise(&mut rng)).collect(),
+        normals: Some(seen.iter().map(|(_, n)| *n).collect()),
+        ..planish_sense::Scan::default()
+    };
+    let sensor = planish_sense::Sensor {
+        noise: Some(planish_sense::Noise::Isotropic { sigma: 0.1 }),
+        ..planish_sense::Sensor::default()
+    };
+    let posed =
+        planish_exchange::PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None };
+    let set = planish_exchange::ScanSet {
+        unit: Some(planish_exchange::Unit::Millimetre),
+        sensors: vec![sensor],
+        scans: vec![posed],
+        ..planish_exchange::ScanSet::default()
+    };
+    let mirror = SymmetryChoice::Of(SymmetryKind::Mirror { towards: Some(DVec3::Y) });
+    let found = fit(&set, &with_symmetry(Some(mirror)), &Silent).unwrap();
+    let topology = &found.report.topology;
+    assert_eq!((topology.genus, topology.components, topology.borders), (1, 1, 0), "{topology}");
+    assert!(found.report.topology_margin.is_some());
+    let hidden: Vec<(DVec3, DVec3)> = truth.iter().copied().filter(|(p, _)| p.y < -8.0).collect();
+    let (rms, covered, count) = judge(&found, &hidden, Some(Observed::Inferred));
+    assert!(count > hidden.len() / 2 && rms < 0.1 && covered > 0.93, "{rms} {covered} {count}");
+}

@@ -13,6 +13,7 @@ mod rims;
 mod tests;
 
 use super::brep::{BrepOptions, FacePlanes, brep_from_surface};
+use crate::fit::open_leaves;
 use crate::model::{Observed, SurfaceModel};
 use edges::TrimmedBuilder;
 use planish_exchange::step::Brep;
@@ -27,7 +28,8 @@ pub enum Closing {
     Auto,
     /// All of them.
     Always,
-    /// None: rims run along the measured surface, whatever its shape.
+    /// None but small ones: rims run along the measured surface, whatever its shape. Openings of closed
+    /// surfaces that are smaller than those that a fit reports are closed.
     Never,
 }
 
@@ -55,6 +57,8 @@ pub fn brep_from_model(model: &SurfaceModel, closing: Closing, options: &BrepOpt
 /// The kept parts of a surface.
 pub(super) struct KeptParts<'a> {
     model: &'a SurfaceModel,
+    /// For each leaf, true if parts without readings are left out there.
+    is_open: Vec<bool>,
 }
 
 impl<'a> KeptParts<'a> {
@@ -62,25 +66,34 @@ impl<'a> KeptParts<'a> {
     pub(super) fn new(model: &'a SurfaceModel, closing: Closing) -> Option<Self> {
         let is_sheet = model.surface.space().shape() == Some(Shape::Sheet);
         let is_trimmed = closing == Closing::Never || closing == Closing::Auto && is_sheet;
+        if !is_trimmed {
+            return None;
+        }
+        // Readings leave small openings of a closed surface by chance.
+        let is_open =
+            if is_sheet { vec![true; model.surface.space().leaves().len()] } else { open_leaves(model) };
+        let kept = Self { model, is_open };
         let has = |keep: bool| {
-            model.support.leaves().any(|(_, parts)| parts.iter().any(|part| is_kept(part.observed) == keep))
+            let mut leaves = model.support.leaves().enumerate();
+            leaves.any(|(leaf, (_, parts))| parts.iter().any(|part| kept.keeps(leaf, part.observed) == keep))
         };
-        (is_trimmed && has(true) && has(false)).then_some(Self { model })
+        (has(true) && has(false)).then_some(kept)
+    }
+
+    fn keeps(&self, leaf: usize, observed: Observed) -> bool {
+        observed != Observed::PriorOnly || !self.is_open[leaf]
     }
 
     /// Halvings of a leaf's sides after which every square lies in one cell.
     pub(super) fn halvings(&self, leaf: usize) -> u8 {
-        let mixed = [false, true]
-            .map(|keep| self.model.support.cells(leaf).iter().any(|cell| is_kept(cell.observed) == keep));
+        let mixed = [false, true].map(|keep| {
+            self.model.support.cells(leaf).iter().any(|cell| self.keeps(leaf, cell.observed) == keep)
+        });
         if mixed == [true, true] { self.model.support.depth(leaf) } else { 0 }
     }
 
     /// True if a place of a leaf is kept.
     pub(super) fn has(&self, leaf: usize, local: [f64; 2]) -> bool {
-        is_kept(self.model.observed_at(leaf, local))
+        self.keeps(leaf, self.model.observed_at(leaf, local))
     }
-}
-
-fn is_kept(observed: Observed) -> bool {
-    observed != Observed::PriorOnly
 }

@@ -181,3 +181,40 @@ fn level_set(field: &BlurredIndicator, level: f64, cell: f64) -> Result<Triangle
     let all: f64 = volumes.iter().map(|v| v.max(0.0)).sum();
     mesh_of(&mesh, |index| volumes[parts[index] as usize] >= MIN_BODY * all)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points all over spheres of radius 10 with centres on a line.
+    fn spheres(centres: &[f64], count: usize) -> (Vec<DVec3>, Vec<DVec3>) {
+        let on_sphere = |k: usize| {
+            let z = 1.0 - (2.0 * k as f64 + 1.0) / count as f64;
+            let (angle, across) = (2.399_963 * k as f64, (1.0 - z * z).sqrt());
+            DVec3::new(across * angle.cos(), across * angle.sin(), z)
+        };
+        let all = centres.iter().flat_map(|x| (0..count).map(move |k| (*x, on_sphere(k))));
+        all.map(|(x, n)| (DVec3::X * x + 10.0 * n, n)).unzip()
+    }
+
+    #[test]
+    fn a_narrow_gap_between_bodies_has_a_small_margin() {
+        let margin_of = |gap: f64| {
+            let (points, normals) = spheres(&[0.0, 20.0 + gap], 4000);
+            enclosing_mesh(&points, &normals, Handles::AsSeen).unwrap().margin
+        };
+        let [narrow, wide] = [1.6, 8.0].map(margin_of);
+        let one_body = BodiesAndHandles { components: 1, genus: 0 };
+        assert_eq!((narrow.stronger, wide.stronger), (Some(one_body), None), "{narrow:?} {wide:?}");
+        assert!(narrow.smoothing[1] < wide.smoothing[1] && wide.weaker.is_none());
+    }
+
+    #[test]
+    fn an_exact_number_of_handles_must_be_seen() {
+        let (points, normals) = spheres(&[0.0], 4000);
+        let found = enclosing_mesh(&points, &normals, Handles::Exactly(0)).unwrap();
+        assert_eq!(bodies_and_handles(&found.mesh).map(|own| own.genus), Some(0));
+        assert!(found.margin.smoothing[0] < found.margin.smoothing[1] && found.margin.stronger.is_none());
+        assert!(enclosing_mesh(&points, &normals, Handles::Exactly(2)).is_err());
+    }
+}

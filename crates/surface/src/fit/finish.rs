@@ -27,6 +27,7 @@ mod support;
 
 pub(super) use degrees::variances_of_surface;
 pub(super) use findings::common_findings;
+pub(crate) use openings::open_leaves;
 use planish_core::{DVec3, Setting};
 pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 

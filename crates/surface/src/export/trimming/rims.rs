@@ -1,6 +1,6 @@
 //! The rims of the kept part of each face, on the integer lattice of the smallest cells.
 
-use super::{KeptParts, is_kept};
+use super::KeptParts;
 use crate::export::brep::FacePlanes;
 use planish_spline::{Cell, Shape, Surface};
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -139,7 +139,7 @@ impl<'a> Lattice<'a> {
         let count = 1_i64 << depth;
         let has = |[x, y]: Corner| {
             let is_inside = (0..count).contains(&x) && (0..count).contains(&y);
-            is_inside && is_kept(parts[(y * count + x) as usize].observed)
+            is_inside && kept.keeps(leaf, parts[(y * count + x) as usize].observed)
         };
         let mut rim = Vec::new();
         for [x, y] in (0..count * count).map(|k| [k % count, k / count]).filter(|&at| has(at)) {

@@ -179,3 +179,25 @@ fn sheets_that_are_known_everywhere_stay_whole() {
         assert_eq!((brep.faces.len(), brep.edges.len()), (1, 4));
     }
 }
+
+/// Readings all over a ball leave gaps by chance, which are no openings.
+#[test]
+fn small_gaps_of_closed_surfaces_are_closed() {
+    let surface = refined_surface(Shape::Ball);
+    // Away from the poles.
+    let middle = surface.leaf_point(surface.space().leaves().len() / 2, 0.5, 0.5);
+    let size = surface.vertices().iter().map(|p| p.length()).fold(0.0, f64::max);
+    let with_gap = |radius: f64| {
+        let of_surface = surface.clone();
+        let measured = |leaf: usize, [s, t]: [f64; 2]| {
+            of_surface.leaf_point(leaf, s, t).distance(middle) > radius * size
+        };
+        model_with_parts(surface.clone(), 5, measured)
+    };
+    let chance = with_gap(0.05);
+    let marked = |model: &SurfaceModel| {
+        model.support.leaves().any(|(_, parts)| parts.iter().any(|p| p.observed == Observed::PriorOnly))
+    };
+    assert!(marked(&chance) && KeptParts::new(&chance, Closing::Never).is_none());
+    assert!(KeptParts::new(&with_gap(0.5), Closing::Never).is_some());
+}

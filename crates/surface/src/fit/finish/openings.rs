@@ -1,6 +1,6 @@
 //! Openings of the readings: connected parts of a closed surface without any.
 
-use crate::fit::leaves::neighbourhood;
+use crate::fit::leaves::{leaf_areas, neighbourhood};
 use crate::model::{Observed, SurfaceModel, is_closed, middles};
 use crate::observe::RejectionCause;
 use planish_core::numbers::significant;
@@ -66,6 +66,30 @@ pub(super) fn openings<'a>(
     found.into_values().collect()
 }
 
+/// The openings of at least [`MIN_OPENING`], each with its share of the area.
+fn large_openings<'a>(
+    model: &SurfaceModel,
+    cells: &'a [UnobservedCell],
+    areas: &[f64],
+) -> Vec<(f64, Vec<&'a UnobservedCell>)> {
+    let total: f64 = areas.iter().sum();
+    (openings(model, cells).into_iter())
+        .map(|opening| (opening.iter().map(|cell| cell.area).sum::<f64>() / total, opening))
+        .filter(|(share, _)| *share >= MIN_OPENING)
+        .collect()
+}
+
+/// For each leaf of a model, true if it has a part of an opening that is no chance gap between readings.
+pub(crate) fn open_leaves(model: &SurfaceModel) -> Vec<bool> {
+    let areas = leaf_areas(&model.surface);
+    let cells = unobserved_cells(model, &areas);
+    let mut is_open = vec![false; areas.len()];
+    for (_, opening) in large_openings(model, &cells, &areas) {
+        opening.iter().for_each(|cell| is_open[cell.leaf] = true);
+    }
+    is_open
+}
+
 /// The finding about a closed surface of which much was closed without readings; none for other surfaces.
 /// `origin` is the world position of the origin of the surface's coordinates.
 ///
@@ -79,12 +103,8 @@ pub(super) fn closed_openings(
     if !is_closed(model.surface.space()) {
         return None;
     }
-    let (cells, total) = (unobserved_cells(model, areas), areas.iter().sum::<f64>());
-    let share = |cells: &[&UnobservedCell]| cells.iter().map(|cell| cell.area).sum::<f64>() / total;
-    let mut found: Vec<(f64, Vec<&UnobservedCell>)> = (openings(model, &cells).into_iter())
-        .map(|opening| (share(&opening), opening))
-        .filter(|(share, _)| *share >= MIN_OPENING)
-        .collect();
+    let cells = unobserved_cells(model, areas);
+    let mut found = large_openings(model, &cells, areas);
     let all: f64 = found.iter().map(|(share, _)| share).sum();
     if all < MIN_SHARE {
         return None;
