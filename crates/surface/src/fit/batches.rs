@@ -347,6 +347,7 @@ pub(super) fn add_batches(
             prior: &converged.prior,
             weight: 1.0,
             earlier: Some(&added.data),
+            damping: 0.0,
         },
         &mut None,
     )?;

@@ -1,9 +1,11 @@
 //! The thin-plate energy of a surface, by which its smoothness weight is estimated.
 
+use planish_core::DisjointSets;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
-use planish_spline::{LeafEnergy, Surface, SurfaceSystem};
+use planish_spline::{LeafEnergy, QuadDomain, Surface, SurfaceSystem};
 use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
 
 /// Largest plausible `∫ κ² dA` of one leaf: that of a quarter turn, (π/2)².
 ///
@@ -13,6 +15,9 @@ const MAX_LEAF_BENDING: f64 = 2.5;
 /// See decision 0003.
 const STIFFENING: f64 = 100.0;
 
+/// Modes of a flat face without energy: its position along its normal and its two tilts.
+const FLAT_MODES: usize = 3;
+
 /// The prior's energy at a surface, in its own metric.
 pub(super) struct BendingEnergy {
     /// `K` of one coordinate; the same for each.
@@ -20,6 +25,10 @@ pub(super) struct BendingEnergy {
     leaves: Vec<LeafEnergy>,
     /// `∫ κ1² + κ2² dA` over the leaves below [`MAX_LEAF_BENDING`].
     pub total: f64,
+    /// Number of the other leaves.
+    left_out: usize,
+    /// Parts of the surface that creases separate; none if it has no creases.
+    faces: Option<usize>,
 }
 
 impl BendingEnergy {
@@ -39,7 +48,8 @@ impl BendingEnergy {
             }
         }
         let matrix = system.assemble_energy(&leaves)?;
-        let mut made = Self { matrix, leaves, total: 0.0 };
+        let faces = surface.space().domain().and_then(|domain| faces_between_creases(domain));
+        let mut made = Self { matrix, leaves, total: 0.0, left_out: 0, faces };
         made.measure(surface);
         Ok(made)
     }
@@ -54,5 +64,69 @@ impl BendingEnergy {
         // The energies are collected first and added in order, so the sum does not depend on the threads.
         // Folds are left out (decision 0003).
         self.total = bends.iter().filter(|&&b| b <= MAX_LEAF_BENDING).sum();
+        self.left_out = bends.iter().filter(|&&b| b > MAX_LEAF_BENDING).count();
+    }
+
+    /// The next smoothness weight from the present one and the degrees of freedom that the readings
+    /// determine: the fixed-point iteration of Fellner and Schall, `w ← (degrees − modes without energy) /
+    /// xᵀKx` (Wood & Fasiolo 2017).
+    ///
+    /// Every smooth shape counts as one such mode. A flat sheet has three, which matters with a handful of
+    /// readings only (decision 0003). With creases, each face may be flat, and leaves that are left out of the
+    /// energy have at least a degree each. If no more than these are determined, nothing shows how smooth the
+    /// rest is, and the weight stays: without this, it grew beyond all bounds where faces are flat and folds
+    /// hold all degrees (decision 0132).
+    pub(super) fn next_weight(&self, weight: f64, degrees: f64) -> f64 {
+        let energy = self.total.max(f64::MIN_POSITIVE);
+        let Some(faces) = self.faces else { return (degrees - 1.0).max(1.0) / energy };
+        match degrees - (FLAT_MODES * faces + self.left_out) as f64 {
+            bent if bent > 1.0 => bent / energy,
+            _ => weight,
+        }
+    }
+}
+
+/// The number of parts into which creases divide a domain; none without creases.
+fn faces_between_creases(domain: &QuadDomain) -> Option<usize> {
+    if domain.creases().is_empty() {
+        return None;
+    }
+    let creases: HashSet<[u32; 2]> = domain.creases().iter().copied().collect();
+    let mut sets = DisjointSets::new(domain.cells().len());
+    let mut first_at: HashMap<[u32; 2], u32> = HashMap::new();
+    for (cell, corners) in domain.cells().iter().enumerate() {
+        for k in 0..4 {
+            let (a, b) = (corners[k], corners[(k + 1) % 4]);
+            let edge = [a.min(b), a.max(b)];
+            if creases.contains(&edge) {
+                continue;
+            }
+            let other = *first_at.entry(edge).or_insert(cell as u32);
+            sets.join(other, cell as u32);
+        }
+    }
+    let roots: HashSet<u32> = sets.into_roots().into_iter().collect();
+    Some(roots.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cube with all of its edges as creases has six faces; with those around two opposite ones, three.
+    #[test]
+    fn creases_divide_a_cube_into_faces() {
+        let (quads, _) = planish_spline::test_meshes::voxels(&[[0, 0, 0]]);
+        let smooth = QuadDomain::new(&quads).unwrap();
+        assert_eq!(faces_between_creases(&smooth), None);
+        let edges_of = |q: &[u32; 4]| (0..4).map(|k| [q[k], q[(k + 1) % 4]]).collect::<Vec<_>>();
+        let all: Vec<[u32; 2]> = quads.iter().flat_map(edges_of).filter(|[a, b]| a < b).collect();
+        let of = |creases: &[[u32; 2]]| {
+            faces_between_creases(&QuadDomain::with_creases(&quads, creases, &[]).unwrap())
+        };
+        assert_eq!(of(&all), Some(6));
+        let opposite = quads.iter().find(|q| q.iter().all(|v| !quads[0].contains(v))).unwrap();
+        let around = [edges_of(&quads[0]), edges_of(opposite)].concat();
+        assert_eq!(of(&around), Some(3));
     }
 }

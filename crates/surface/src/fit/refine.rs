@@ -169,6 +169,12 @@ struct Refinement<'a> {
     projected: usize,
 }
 
+/// Factor of the damping of steps on surfaces with creases from one iteration of a round to the next, and its
+/// share below which it changes nothing. With a constant one, a wedge of 15° stayed 0.01 mm away from the
+/// solution, whose σ was 0.0025 mm, because the small cells along its edges hardly moved.
+const DAMPING_FALLS: f64 = 0.1;
+const UNDAMPED: f64 = 2e-3;
+
 /// A round of a refinement.
 #[derive(Clone, Copy)]
 struct Round {
@@ -177,6 +183,13 @@ struct Round {
     is_last: bool,
     /// Iterations of this round that are done.
     iteration: usize,
+}
+
+impl Round {
+    /// The damping of its next step.
+    fn damping(&self) -> f64 {
+        DAMPING_FALLS.powi(self.iteration as i32)
+    }
 }
 
 /// The equations of a round, over one hierarchy.
@@ -419,22 +432,21 @@ impl Refinement<'_> {
                 prior: &energy.matrix,
                 weight,
                 earlier: None,
+                damping: round.damping(),
             },
             factor,
         )?;
         self.observations.apply_scan_error_step(&step.scan_errors);
         self.surface = step.surface;
         energy.measure(&self.surface);
-        // Generalised Fellner–Schall (Wood & Fasiolo 2017): w ← (degrees that the data determine) / xᵀKx.
-        // One null mode for every shape: a flat sheet has three, which matters with a handful of readings
-        // only (decision 0003).
-        let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
+        let next = energy.next_weight(weight, step.degrees.iter().sum::<f64>());
         let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
         let next = self.weight_search.next(weight, next.min(stiffest));
         self.weight = Some(next);
         self.degrees = Some(step.degrees);
         Ok(StepOutcome {
-            has_converged: step.seen < CONVERGED_STEP
+            has_converged: (round.damping() < UNDAMPED || !self.surface.space().has_creases())
+                && step.seen < CONVERGED_STEP
                 && step.scan_error_decrement < CONVERGED_SCAN_ERRORS
                 && step.decrement < CONVERGED_UNSEEN_STEP
                 && (next / weight - 1.0).abs() < CONVERGED_WEIGHT,

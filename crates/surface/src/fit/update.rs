@@ -150,6 +150,7 @@ impl Update<'_> {
                 prior: &self.information.prior,
                 weight: 1.0,
                 earlier: Some(&self.information.data),
+                damping: 0.0,
             },
             factor,
         )?;

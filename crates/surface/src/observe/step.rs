@@ -17,8 +17,7 @@ const PROBES: usize = 8;
 /// Feet that one task takes: fixed, so that the number of threads does not change the sums.
 const CHUNK: usize = 4096;
 /// σ of the step of an unknown beside the readings and the prior, in sides of its cell, for surfaces with
-/// creases. Where little determines an unknown, as at corners, longer steps fold the surface. At the solution
-/// the step is zero, so that it does not depend on this.
+/// creases. Where little determines an unknown, as at corners, longer steps fold the surface.
 const STEP_SIGMA: f64 = 0.25;
 /// Share of the mean diagonal that is added to it: rounding must not make the matrix indefinite.
 const DIAGONAL_SHARE: f64 = 1e-10;
@@ -37,6 +36,9 @@ pub(crate) struct StepInput<'a> {
     pub weight: f64,
     /// Information of three coordinates from other readings, if any.
     pub earlier: Option<&'a BlockInformation>,
+    /// Share of [`STEP_SIGMA`]'s information that is added on surfaces with creases. It must fall to nothing
+    /// before a fit ends: where cells are small, it holds a surface that is far from the solution.
+    pub damping: f64,
 }
 
 /// The outcome of [`normal_step`].
@@ -67,7 +69,7 @@ pub(crate) struct NormalStep {
 /// # Errors
 /// `Undetermined` if the readings near the surface leave its shape open.
 pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFactor>) -> Result<NormalStep> {
-    let StepInput { system, surface, feet, information, channels, prior, weight, earlier } = *input;
+    let StepInput { system, surface, feet, information, channels, prior, weight, earlier, damping } = *input;
     let directions = surface.directions();
     let (start, order) = by_leaf(feet, system.space().leaves().len());
     let mut data = system.accumulate_along(&directions, |leaf, add| {
@@ -91,8 +93,8 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     matrix.add_scaled(&data, 1.0)?;
     let ridge = DIAGONAL_SHARE * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
-    if surface.space().has_creases() {
-        damp(&mut matrix, surface, directions.len())?;
+    if surface.space().has_creases() && damping > 0.0 {
+        damp(&mut matrix, surface, directions.len(), damping)?;
     }
     let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
         ErrorKind::Undetermined => Error::undetermined(format!(
@@ -138,15 +140,15 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     })
 }
 
-/// Adds the information of a step of zero with [`STEP_SIGMA`] to each unknown (Levenberg 1944, Marquardt
-/// 1963).
-fn damp(matrix: &mut BlockInformation, surface: &Surface, unknowns: usize) -> Result<()> {
+/// Adds a share of the information of a step of zero with [`STEP_SIGMA`] to each unknown (Levenberg 1944,
+/// Marquardt 1963).
+fn damp(matrix: &mut BlockInformation, surface: &Surface, unknowns: usize, share: f64) -> Result<()> {
     let space = surface.space();
     let anchors = space.node_anchors();
     for unknown in 0..unknowns {
         let [u, v] = anchors[space.node_of_unknown(unknown)];
         let area = surface.leaf_area(space.locate(u, v).0).max(f64::MIN_POSITIVE);
-        matrix.add_to_diagonal_block(unknown as u32, &[1.0 / (STEP_SIGMA * STEP_SIGMA * area)])?;
+        matrix.add_to_diagonal_block(unknown as u32, &[share / (STEP_SIGMA * STEP_SIGMA * area)])?;
     }
     Ok(())
 }

@@ -228,6 +228,7 @@ impl Finishing<'_> {
                 prior: &known.prior,
                 weight: 1.0,
                 earlier: None,
+                damping: 0.0,
             },
             &mut factor,
         );
