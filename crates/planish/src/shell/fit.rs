@@ -251,7 +251,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             }
         };
         let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
-        run.findings.extend(inspection::unfollowed(&fit, &files.name, job.force)?);
+        run.findings.extend(inspection::unfollowed(&fit, &frame, size, &files.name, job.force)?);
         let deformation = grown.as_ref().unwrap_or(&deformation);
         // The fit moves vertices and keeps triangles.
         let found =
