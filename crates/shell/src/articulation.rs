@@ -52,8 +52,8 @@ struct Pose {
     misfit: f64,
 }
 
-/// Positions of the vertices in the pose with turned parts that agrees best with the points. `None` if no pose
-/// is better than the mesh at rest.
+/// Positions of the vertices in the pose with turned parts that agrees best with the points. `None` if no
+/// pose is better than the mesh at rest.
 ///
 /// # Errors
 /// As [`crate::point_tree::PointTree::new`], and for a mesh without area.

@@ -120,8 +120,8 @@ pub struct ShellFitArgs {
     /// Write the mesh even if it does not follow much of its points
     ///
     /// A fit is refused if more than 5 % of the points agree with their neighbours but are 1 % of the size
-    /// away from the mesh, as with a part that was found turned by a wrong angle. With this option the mesh is
-    /// written, with a finding of level `error`.
+    /// away from the mesh, as with a part that was found turned by a wrong angle. With this option the mesh
+    /// is written, with a finding of level `error`.
     #[arg(long, hide_short_help = true, help_heading = "Fit")]
     force: bool,
     /// The report.

@@ -235,12 +235,12 @@ pub(super) fn follows(fit: &ShellFit, states_sigma: bool) -> bool {
     share < MIN_UNFOLLOWED_SHARE && !(states_sigma && fit.points.sigma_factor > MAX_FACTOR)
 }
 
-/// A finding if the mesh, of a size, does not follow surface that the points of a frame show. `name` is that of
-/// the frame of a sequence, or empty.
+/// A finding if the mesh, of a size, does not follow surface that the points of a frame show. `name` is that
+/// of the frame of a sequence, or empty.
 ///
 /// # Errors
-/// `Undetermined` for a single fit that is far from much of the surface, unless `force` keeps it. Later frames
-/// of a sequence may be right again.
+/// `Undetermined` for a single fit that is far from much of the surface, unless `force` keeps it. Later
+/// frames of a sequence may be right again.
 pub(super) fn unfollowed(
     fit: &ShellFit,
     frame: &Frame,
