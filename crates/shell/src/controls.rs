@@ -37,7 +37,7 @@ pub struct Controls {
 
 /// The edge graph of a mesh with lengths, along which regions grow.
 #[derive(Debug, Clone)]
-struct EdgeGraph {
+pub(crate) struct EdgeGraph {
     start: Vec<usize>,
     to: Vec<(u32, f64)>,
     /// Pairs of vertices that join disconnected parts.
@@ -46,6 +46,23 @@ struct EdgeGraph {
 
 impl EdgeGraph {
     fn new(mesh: &TriangleMesh) -> Self {
+        Self::with_bending(mesh, BENDING)
+    }
+
+    /// The graph whose edges have their lengths in space.
+    pub(crate) fn with_plain_lengths(mesh: &TriangleMesh) -> Self {
+        Self::with_bending(mesh, 0.0)
+    }
+
+    /// Distances of all vertices from one of them; infinite for unused vertices.
+    pub(crate) fn distances(&self, source: u32) -> Vec<f64> {
+        let count = self.start.len() - 1;
+        let (mut far, mut regions) = (vec![f64::INFINITY; count], vec![0; count]);
+        self.grow(source, 0, &mut far, &mut regions);
+        far
+    }
+
+    fn with_bending(mesh: &TriangleMesh, bending: f64) -> Self {
         let normals = mesh.vertex_normals();
         // Ordered sets throughout: the order of a hash table would change the controls from run to run.
         let mut pairs: BTreeSet<[u32; 2]> = BTreeSet::new();
@@ -72,7 +89,7 @@ impl EdgeGraph {
         let length = |[a, b]: [u32; 2]| {
             let [a, b] = [a as usize, b as usize];
             let turn = normals[a].dot(normals[b]).clamp(-1.0, 1.0).acos();
-            mesh.positions[a].distance(mesh.positions[b]) * (1.0 + BENDING * turn)
+            mesh.positions[a].distance(mesh.positions[b]) * (1.0 + bending * turn)
         };
         let mut start = vec![0; mesh.positions.len() + 1];
         for [a, b] in &pairs {

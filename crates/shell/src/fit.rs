@@ -25,6 +25,7 @@
 //! Not guaranteed: the global optimum. A mesh that starts more than a tenth of its size away may be attracted
 //! to the wrong side of a thin part.
 
+mod comparison;
 mod correlation;
 mod dense;
 mod equations;
@@ -42,6 +43,7 @@ mod sheets;
 mod sight;
 mod smoothness;
 mod solve;
+mod starts;
 mod support;
 mod tracks;
 
@@ -98,6 +100,9 @@ pub struct ShellFitOptions {
     pub rigidity: Option<Rigidity>,
     /// Initial parameters; smoothness applies to displacements from them. Default: the prior's mean, or zero.
     pub start: Option<DVector<f64>>,
+    /// Parameters at which the iterations begin, if other than `start`; smoothness applies to displacements
+    /// from `start`.
+    pub initial: Option<DVector<f64>>,
     /// σ of the initial position of each control, in the unit of the mesh, if the start is known to be near.
     ///
     /// It limits the smoothness weight to what displacements of this size allow, and the first stage has no
@@ -124,6 +129,7 @@ impl Default for ShellFitOptions {
             stiffness: None,
             rigidity: None,
             start: None,
+            initial: None,
             start_sigma: None,
             resume: None,
             prior: None,
@@ -305,6 +311,19 @@ pub fn fit_shell_with_progress(
 ) -> Result<ShellFit> {
     check(mesh, deformation, options)?;
     readings.check()?;
+    starts::solve_from_starts(mesh, deformation, readings, options, watch)
+}
+
+/// [`fit_shell_with_progress`] from the start of the options only.
+fn fit_from_one_start(
+    mesh: &TriangleMesh,
+    deformation: &dyn Deformation,
+    readings: &ShellReadings<'_>,
+    options: &ShellFitOptions,
+    watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
+) -> Result<ShellFit> {
+    check(mesh, deformation, options)?;
+    readings.check()?;
     solve::solve(mesh, deformation, readings, options, watch)
 }
 
@@ -373,6 +392,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let lengths = [
         ("the prior", options.prior.as_ref().map(|prior| &prior.mean)),
         ("the start", options.start.as_ref()),
+        ("the initial state", options.initial.as_ref()),
         ("the state to resume", options.resume.as_ref().map(|resume| &resume.parameters)),
     ];
     for (name, vector) in lengths {

@@ -40,6 +40,7 @@
 //! # Ok::<(), planish_estimate::Error>(())
 //! ```
 
+mod articulation;
 mod camera;
 mod controls;
 mod deformation;

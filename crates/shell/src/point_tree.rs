@@ -6,6 +6,7 @@
 //! neighbour.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Matrix3, Vector3};
 use planish_core::DVec3;
 use planish_core::vector3::as_arrays;
 use planish_estimate::{Error, Result};
@@ -39,6 +40,50 @@ impl PointTree {
         let mut found: Vec<(f64, u32)> = near.iter().map(|n| (n.distance.sqrt(), n.item)).collect();
         found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         found
+    }
+
+    /// The nearest point with its distance; `None` if there are no points.
+    pub(crate) fn nearest_one(&self, at: DVec3) -> Option<(f64, u32)> {
+        let found = self.tree.as_ref()?.query(at.as_ref()).nearest_one::<SquaredEuclidean<f64>>().execute();
+        Some((found.distance.sqrt(), found.item))
+    }
+}
+
+/// A plane through points.
+pub(crate) struct PlaneFit {
+    pub center: DVec3,
+    /// Unit normal.
+    pub normal: DVec3,
+    /// Root mean square distance of the points from it.
+    pub thickness: f64,
+    /// The smaller rms extent of the points along it.
+    pub width: f64,
+}
+
+impl PlaneFit {
+    /// Distance of a place from the plane.
+    pub(crate) fn distance(&self, at: DVec3) -> f64 {
+        (at - self.center).dot(self.normal).abs()
+    }
+}
+
+/// The plane through points with the least squared distances.
+pub(crate) fn plane_through(points: &[DVec3]) -> PlaneFit {
+    let per = 1.0 / points.len().max(1) as f64;
+    let center = per * points.iter().sum::<DVec3>();
+    let spread = points.iter().fold(Matrix3::zeros(), |sum, p| {
+        let off = Vector3::from(*p - center);
+        sum + per * off * off.transpose()
+    });
+    let eigen = spread.symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    let extent = |k: usize| eigen.eigenvalues[order[k]].max(0.0).sqrt();
+    PlaneFit {
+        center,
+        normal: DVec3::from(eigen.eigenvectors.column(order[0]).into_owned()),
+        thickness: extent(0),
+        width: extent(1),
     }
 }
 

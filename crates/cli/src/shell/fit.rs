@@ -117,6 +117,13 @@ pub struct ShellFitArgs {
     #[arg(long, requires = "silhouettes", conflicts_with_all = ["rigid", "controls_file", "family"],
           hide_short_help = true, help_heading = "Fit")]
     rough_start: bool,
+    /// Write the mesh even if it does not follow much of its points
+    ///
+    /// A fit is refused if more than 5 % of the points agree with their neighbours but are 1 % of the size
+    /// away from the mesh, as with a part that was found turned by a wrong angle. With this option the mesh
+    /// is written, with a finding of level `error`.
+    #[arg(long, hide_short_help = true, help_heading = "Fit")]
+    force: bool,
     /// The report.
     #[command(flatten)]
     page: ReportArgs,
@@ -175,6 +182,7 @@ fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFit
         outline_step_px: args.outline_step,
         believe_sigma: args.believe_sigma,
         rough_start: args.rough_start,
+        force: args.force,
         outputs: args.output.clone(),
         report: args.page.output(&args.common),
         unit: args.common.unit.map(Into::into),

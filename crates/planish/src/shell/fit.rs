@@ -22,8 +22,7 @@ pub use figures::{CameraPoseReport, FlowReport, FrameReport, ReadingsReport, She
 use input::{Frame, FrameFiles, Moved, Units};
 use nalgebra::DVector;
 use page::{ShownShell, shell_page};
-use planish_core::Finding;
-use planish_core::{Progress, WRITING_STAGE};
+use planish_core::{Finding, Progress, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result, Termination};
 use planish_exchange::Unit;
 use planish_exchange::mesh::is_mesh_file;
@@ -95,6 +94,8 @@ pub struct ShellFitJob {
     /// Whether the mesh is only a rough start. It then grows where masks are not covered, is cut where they
     /// show background, and is remeshed before the fit.
     pub rough_start: bool,
+    /// Whether a mesh is written that does not follow much of its points.
+    pub force: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
     /// A page that shows the result.
@@ -123,6 +124,7 @@ impl Default for ShellFitJob {
             outline_step_px: 5.0,
             believe_sigma: false,
             rough_start: false,
+            force: false,
             outputs: Vec::new(),
             report: None,
             unit: None,
@@ -249,6 +251,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             }
         };
         let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
+        run.findings.extend(inspection::unfollowed(&fit, &frame, size, &files.name, job.force)?);
         let deformation = grown.as_ref().unwrap_or(&deformation);
         // The fit moves vertices and keeps triangles.
         let found =
@@ -501,6 +504,7 @@ impl Run<'_> {
             flow: start.flow,
             frames,
             termination: match fit.termination {
+                _ if !inspection::follows(&fit, frame.states_sigma) => "not_following",
                 Termination::Converged => "converged",
                 Termination::ReachedTolerance => "reached_tolerance",
                 _ => "limit",
@@ -514,7 +518,6 @@ impl Run<'_> {
         let outcome =
             inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, trusts_sigma);
         done.findings.extend(outcome);
-        done.findings.extend(inspection::unfollowed(&fit));
         let ending = inspection::ending(&done);
         done.findings.extend(ending);
         if let Some(page) = &self.job.report {

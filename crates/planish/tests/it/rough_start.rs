@@ -91,6 +91,7 @@ fn scene(folder: &Path) -> ShellFitJob {
         outline_step_px: 5.0,
         believe_sigma: false,
         rough_start: true,
+        force: false,
         outputs: vec![folder.join("fitted.ply")],
         report: None,
         unit: None,

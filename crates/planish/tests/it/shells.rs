@@ -58,6 +58,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
         outline_step_px: 5.0,
         believe_sigma: false,
         rough_start: false,
+        force: false,
         outputs: outputs.iter().map(|name| folder.join(name)).collect(),
         report: None,
         unit: None,
@@ -218,4 +219,28 @@ fn unconnected_parts_of_rigid_regions_need_no_readings() {
     assert_eq!(report.controls, 20);
     let found = read_textured(&job.outputs[0]).unwrap();
     assert!(off(&found.points[..first as usize - 1]) < 0.35, "{}", off(&found.points[..first as usize - 1]));
+}
+
+/// Points of two surfaces: the mesh follows one of them. The fit is refused and nothing is written, or it is
+/// forced and does not count as converged.
+#[test]
+fn meshes_that_do_not_follow_much_of_their_points_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = job(folder.path(), &["fitted.ply"]);
+    let mut points = String::new();
+    for p in icosphere(10.0, 4).positions {
+        writeln!(points, "{:?} {:?} {:?}", p[0], p[1], p[2]).unwrap();
+        if p[2] > 3.0 {
+            writeln!(points, "{:?} {:?} {:?}", 1.3 * p[0], 1.3 * p[1], 1.3 * p[2]).unwrap();
+        }
+    }
+    std::fs::write(folder.path().join("points.xyz"), points).unwrap();
+    let refused = own.run(&Silent).unwrap_err();
+    assert_eq!(refused.kind(), ErrorKind::Undetermined, "{refused}");
+    assert!(!own.outputs[0].exists());
+    let forced = ShellFitJob { force: true, ..own }.run(&Silent).unwrap();
+    assert_eq!(forced.termination, "not_following");
+    assert!(forced.written[0].exists());
+    let codes: Vec<&str> = forced.findings.iter().map(|f| f.code.as_str()).collect();
+    assert!(codes.contains(&"surface-refused") && !codes.contains(&"converged"), "{codes:?}");
 }

@@ -7,6 +7,7 @@ use super::ShellFit;
 use super::equations::{Equations, Source};
 use super::result::finished;
 use super::solve::{Search, Setup};
+use super::starts::follows;
 use crate::deformation::displaced_positions;
 use planish_estimate::Result;
 
@@ -69,7 +70,8 @@ impl FoldControl {
         if self.folded.is_none() {
             let (priors, state) = (&search.priors, search.state.clone());
             let made = finished(mesh, deformation, priors, state, equations, &search.factors, weight)?;
-            if made.unresolved_shape > 0.0 {
+            // At a wrong position, folds follow the data; more smoothness costs time and changes little.
+            if made.unresolved_shape > 0.0 && follows(&made) {
                 self.likelihood_weight = Some(weight);
                 self.folded = Some((made, rms));
             }

@@ -20,8 +20,7 @@
 //! sheet support a vertex if their feet do. Gross errors that lie on a common surface, as of another object,
 //! are taken for shape.
 
-use crate::point_tree::PointTree;
-use nalgebra::{Matrix3, Vector3};
+use crate::point_tree::{PointTree, plane_through};
 use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -149,13 +148,13 @@ pub(super) fn unfollowed(points: &[DVec3], sigmas: &[f64], rejected: &[bool]) ->
             return false;
         }
         let mut near: Vec<DVec3> = near.into_iter().map(|(_, j)| points[j as usize]).collect();
-        let (center, normal, ..) = plane(&near);
-        near.sort_by(|a, b| (*a - center).dot(normal).abs().total_cmp(&(*b - center).dot(normal).abs()));
+        let rough = plane_through(&near);
+        near.sort_by(|a, b| rough.distance(*a).total_cmp(&rough.distance(*b)));
         near.truncate(used);
-        let (center, normal, thickness, width) = plane(&near);
+        let plane = plane_through(&near);
         let sigma = sigmas[*i as usize];
-        (thickness < MAX_THICKNESS * width || thickness < sigma)
-            && (at - center).dot(normal).abs() < MAX_OFF_PLANE * thickness.max(sigma)
+        (plane.thickness < MAX_THICKNESS * plane.width || plane.thickness < sigma)
+            && plane.distance(at) < MAX_OFF_PLANE * plane.thickness.max(sigma)
     };
     let found: Vec<u32> =
         (0..points.len() as u32).into_par_iter().filter(|i| rejected[*i as usize]).filter(agrees).collect();
@@ -163,21 +162,6 @@ pub(super) fn unfollowed(points: &[DVec3], sigmas: &[f64], rejected: &[bool]) ->
     found.iter().for_each(|i| is_found[*i as usize] = true);
     let has_company = |i: &u32| around(*i).iter().filter(|(_, j)| is_found[*j as usize]).count() >= MIN_NEAR;
     Ok(found.into_par_iter().filter(has_company).collect())
-}
-
-/// The plane of points: its centre and normal, and the rms extents across and along it (the smaller one).
-fn plane(points: &[DVec3]) -> (DVec3, DVec3, f64, f64) {
-    let per = 1.0 / points.len() as f64;
-    let center = per * points.iter().sum::<DVec3>();
-    let spread = points.iter().fold(Matrix3::zeros(), |sum, p| {
-        let off = Vector3::from(*p - center);
-        sum + per * off * off.transpose()
-    });
-    let eigen = spread.symmetric_eigen();
-    let mut order = [0, 1, 2];
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-    let extent = |k: usize| eigen.eigenvalues[order[k]].max(0.0).sqrt();
-    (center, DVec3::from(eigen.eigenvectors.column(order[0]).into_owned()), extent(0), extent(1))
 }
 
 /// Support of the vertices of a fitted mesh by points; `shape` is the σ of unresolved shape over all of them.

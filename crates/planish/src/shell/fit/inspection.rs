@@ -32,6 +32,14 @@ pub(super) const ACCEPTED_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
 /// Minimum share of points off the mesh that agree with their neighbours, above which they are reported: a
 /// few gross errors do by chance.
 const MIN_UNFOLLOWED_SHARE: f64 = 0.01;
+/// The same, from which a fit is refused.
+const MAX_UNFOLLOWED_SHARE: f64 = 0.05;
+/// Minimum rms distance of these points from the mesh, relative to its size, for a refusal. Exact points show
+/// deviations that matter little, as of a part that was asked to stay rigid.
+const MIN_UNFOLLOWED_DISTANCE: f64 = 0.01;
+/// Ratio of the σ of points by their residuals to the stated one, above which the mesh does not follow them.
+/// Sensors are rarely that much worse than stated.
+const MAX_FACTOR: f64 = 3.0;
 /// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;
 /// Minimum overlap with a mask before the fit. A smaller one means another view, unit or frame.
@@ -220,19 +228,55 @@ pub(super) fn outcome(
     findings
 }
 
-/// A finding if the mesh does not follow surface that points show.
-pub(super) fn unfollowed(fit: &ShellFit) -> Option<Finding> {
-    let (count, all) = (fit.unfollowed_points, fit.points.outliers.len());
-    if (count as f64) < MIN_UNFOLLOWED_SHARE * all as f64 {
-        return None;
+/// True if few points agree with their neighbours but not with the mesh, and residuals are not far above the
+/// stated σ.
+pub(super) fn follows(fit: &ShellFit, states_sigma: bool) -> bool {
+    let share = fit.unfollowed_points as f64 / fit.points.outliers.len().max(1) as f64;
+    share < MIN_UNFOLLOWED_SHARE && !(states_sigma && fit.points.sigma_factor > MAX_FACTOR)
+}
+
+/// A finding if the mesh, of a size, does not follow surface that the points of a frame show. `name` is that
+/// of the frame of a sequence, or empty.
+///
+/// # Errors
+/// `Undetermined` for a single fit that is far from much of the surface, unless `force` keeps it. Later
+/// frames of a sequence may be right again.
+pub(super) fn unfollowed(
+    fit: &ShellFit,
+    frame: &Frame,
+    size: f64,
+    name: &str,
+    force: bool,
+) -> Result<Option<Finding>> {
+    let (count, all) = (fit.unfollowed_points as f64, fit.points.outliers.len() as f64);
+    if count < MIN_UNFOLLOWED_SHARE * all {
+        return Ok(None);
     }
+    let place = if name.is_empty() { String::new() } else { format!("frame {name}: ") };
     let text = format!(
-        "{count} of {all} points ({}) agree with their neighbours but not with the mesh: it does not follow \
-         the object there (`observed` is 3), or ended at a wrong position; parts that turn far need a nearer \
-         start, small shapes more controls",
-        percent(count as f64 / all.max(1) as f64)
+        "{place}{count} of {all} points ({}) agree with their neighbours but not with the mesh: it does not \
+         follow the object there (`observed` is 3), or ended at a wrong position; parts that turn far need a \
+         nearer start, small shapes more controls",
+        percent(count / all.max(1.0))
     );
-    Some(Finding::new(FindingCode::SurfaceNotFollowing, text))
+    let is_far = unfollowed_distance(fit, frame) > MIN_UNFOLLOWED_DISTANCE * size;
+    if !name.is_empty() || count < MAX_UNFOLLOWED_SHARE * all || !is_far {
+        return Ok(Some(Finding::new(FindingCode::SurfaceNotFollowing, text)));
+    }
+    if !force {
+        let text = format!("{text}; a result can be forced, but is wrong there");
+        return Err(Error::undetermined(text).with_setting(Setting::Force));
+    }
+    Ok(Some(Finding::new(FindingCode::SurfaceRefused, text)))
+}
+
+/// Root mean square distance from the mesh of the points that it does not follow, for the mean σ of a point.
+fn unfollowed_distance(fit: &ShellFit, frame: &Frame) -> f64 {
+    let sums = fit.residuals_at.iter().fold((0.0, 0.0), |(squares, count), at| {
+        (squares + at.unfollowed_squares, count + f64::from(at.unfollowed))
+    });
+    let variances: f64 = frame.points.iter().map(|p| p.covariance.trace() / 3.0).sum();
+    (sums.0 / sums.1.max(1.0) * variances / frame.points.len().max(1) as f64).sqrt()
 }
 
 /// A finding if the residuals contradict the stated σ.
@@ -266,11 +310,13 @@ pub(super) fn ending(done: &ShellFitReport) -> Vec<Finding> {
         }
     }
     let iterations = counted(done.iterations, "iteration");
-    found.push(match done.termination {
+    found.extend(match done.termination {
+        // A finding about the points says more.
+        "not_following" => None,
         "limit" => {
-            Finding::new(FindingCode::NotConverged, format!("the fit did not converge in {iterations}"))
+            Some(Finding::new(FindingCode::NotConverged, format!("the fit did not converge in {iterations}")))
         }
-        _ => Finding::new(FindingCode::Converged, format!("the fit converged in {iterations}")),
+        _ => Some(Finding::new(FindingCode::Converged, format!("the fit converged in {iterations}"))),
     });
     found
 }
