@@ -76,7 +76,7 @@ pub use curvature::{VertexCurvature, vertex_curvature};
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
 pub use dual_contour::{DistanceField, dual_contour};
 pub use facet_tree::{FacetTree, NearFacet};
-pub use filling::{Filled, fill_holes};
+pub use filling::{Filled, HoleLimit, fill_holes};
 pub use isosurface::isosurface;
 pub use merge::{
     CommonRegion, FusedVertices, ManifoldPatch, MergePatch, NoiseCorrelation, Overlap, OverlapFoot,
