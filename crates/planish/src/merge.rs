@@ -52,7 +52,7 @@ use std::path::{Path, PathBuf};
 const NO_PATCH: u32 = u32::MAX;
 
 /// Width, in edges, up to which holes are filled if nothing is specified: the width of a slit, half the
-/// diameter of a round hole. The surface around such a gap determines it well: in simulated scans, 0.95 of
+/// diameter of a round hole. The surface around such a gap determines it well: in simulated scans, 0.97 of
 /// the vertices in them are within 1.96 σ (`docs/decisions/0151-narrow-gaps.md`).
 pub const MAX_NARROW_WIDTH: f64 = 3.0;
 
