@@ -73,7 +73,7 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
         ("--method", method.map(|v| v.get_name().to_owned())),
         ("--epsilon", args.epsilon.map(stated)),
         ("--theta", args.theta.map(|v| v.to_string())),
-        ("--fill", (args.fill > 0).then(|| args.fill.to_string())),
+        ("--fill", args.fill.map(|edges| edges.to_string())),
         ("--mesh-tolerance", args.mesh_tolerance.map(stated)),
         ("--complete", args.complete.as_ref().map(|p| p.display().to_string())),
         ("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned())),

@@ -34,6 +34,19 @@ const OUTWARDS: f64 = 0.25;
 /// Number of fairing steps with the mean curvature of the surroundings; each uses the shape of the last.
 const FAIRING_STEPS: usize = 6;
 
+/// Maximum number of edges of a hole that is filled because it is narrow; bounds the cost of its cover.
+const MAX_NARROW_EDGES: usize = 1000;
+
+/// Which holes are filled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HoleLimit {
+    /// Holes of up to this number of edges.
+    Edges(usize),
+    /// Holes that are at most this wide, in edges of their border. The width is twice the area of the cover
+    /// over the length of the border: the width of a slit, half the diameter of a round hole.
+    Width(f64),
+}
+
 /// A mesh with filled holes.
 #[derive(Debug, Clone)]
 pub struct Filled {
@@ -45,13 +58,13 @@ pub struct Filled {
     pub holes: usize,
     /// Number of outer borders, which stay open.
     pub outer_rims: usize,
-    /// Number of holes with too many edges, which stay open.
-    pub too_long: usize,
+    /// Number of holes with too many edges or too wide, which stay open.
+    pub too_large: usize,
     /// Number of holes that cannot be covered without a non-manifold edge.
     pub uncovered: usize,
 }
 
-/// Fills holes of up to `longest` edges. `watch` receives the completed fraction and may cancel by an error.
+/// Fills the holes within a limit. `watch` receives the completed fraction and may cancel by an error.
 ///
 /// The cover gets the mean curvature across the hole, which is the mean of
 /// `−(n_i − n_j)·(p_i − p_j) / |p_i − p_j|²` over pairs of border vertices that are half or a
@@ -68,11 +81,11 @@ pub struct Filled {
 ///
 /// # Examples
 /// ```
-/// use planish_mesh::{fill_holes, icosphere};
+/// use planish_mesh::{HoleLimit, fill_holes, icosphere};
 /// let mut ball = icosphere(1.0, 2);
 /// ball.triangles.pop();
 /// let sigma = vec![0.01; ball.positions.len()];
-/// let filled = fill_holes(&ball, &sigma, 10, &mut |_| Ok(()))?;
+/// let filled = fill_holes(&ball, &sigma, HoleLimit::Edges(10), &mut |_| Ok(()))?;
 /// assert_eq!(filled.holes, 1);
 /// assert!(filled.mesh.check().watertight);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -83,7 +96,7 @@ pub struct Filled {
 pub fn fill_holes(
     mesh: &TriangleMesh,
     sigma: &[f64],
-    longest: usize,
+    limit: HoleLimit,
     watch: &mut dyn FnMut(f64) -> Result<()>,
 ) -> Result<Filled> {
     mesh.sanity_check()?;
@@ -100,7 +113,7 @@ pub fn fill_holes(
         sigma: sigma.to_vec(),
         holes: 0,
         outer_rims: 0,
-        too_long: 0,
+        too_large: 0,
         uncovered: 0,
     };
     let mut loops = Vec::new();
@@ -108,8 +121,8 @@ pub fn fill_holes(
     for border in border_loops(&mesh.triangles) {
         if is_outer_border(&border, &mesh.positions, &normals) {
             filled.outer_rims += 1;
-        } else if border.len() > longest {
-            filled.too_long += 1;
+        } else if limit.excludes(&border, &mesh.positions) {
+            filled.too_large += 1;
         } else {
             loops.push(border);
         }
@@ -121,13 +134,54 @@ pub fn fill_holes(
     for hole in &loops {
         watch(done as f64 / total as f64)?;
         done += hole.len();
-        if fill(&mut filled, hole, &normals, &mut neighbourhood)? {
-            filled.holes += 1;
-        } else {
-            filled.uncovered += 1;
+        match fill(&mut filled, hole, &normals, &mut neighbourhood, limit)? {
+            Fate::Filled => filled.holes += 1,
+            Fate::TooWide => filled.too_large += 1,
+            Fate::Uncovered => filled.uncovered += 1,
         }
     }
     Ok(filled)
+}
+
+impl HoleLimit {
+    /// True if a hole is certainly beyond the limit. Its cover is not known yet, but it has at least the area
+    /// that the border encloses in projection.
+    fn excludes(self, border: &[u32], positions: &[DVec3]) -> bool {
+        match self {
+            Self::Edges(longest) => border.len() > longest,
+            Self::Width(widest) => {
+                let at = |k: usize| positions[border[k % border.len()] as usize];
+                let area: DVec3 =
+                    (0..border.len()).map(|k| 0.5 * (at(k) - at(0)).cross(at(k + 1) - at(0))).sum();
+                border.len() > MAX_NARROW_EDGES || width_in_edges(border, positions, area.length()) > widest
+            }
+        }
+    }
+
+    /// True if a cover is within the limit.
+    fn permits(self, border: &[u32], positions: &[DVec3], cover: &[[u32; 3]]) -> bool {
+        let of_triangle = |t: &[u32; 3]| crate::triangle::area(&t.map(|v| positions[v as usize]));
+        match self {
+            Self::Edges(_) => true,
+            Self::Width(widest) => {
+                width_in_edges(border, positions, cover.iter().map(of_triangle).sum()) <= widest
+            }
+        }
+    }
+}
+
+/// Width of a hole with this area, in edges of its border.
+fn width_in_edges(border: &[u32], positions: &[DVec3], area: f64) -> f64 {
+    let at = |k: usize| positions[border[k % border.len()] as usize];
+    let length: f64 = (0..border.len()).map(|k| at(k).distance(at(k + 1))).sum();
+    2.0 * area * border.len() as f64 / (length * length).max(f64::MIN_POSITIVE)
+}
+
+/// What became of a hole.
+enum Fate {
+    Filled,
+    TooWide,
+    Uncovered,
 }
 
 /// The edges and triangles of a mesh at its holes.
@@ -178,13 +232,14 @@ impl HoleNeighbourhood {
     }
 }
 
-/// Fills one hole; returns false if it cannot be covered.
+/// Fills one hole if its cover is within the limit.
 fn fill(
     filled: &mut Filled,
     hole: &[u32],
     normals: &[DVec3],
     neighbourhood: &mut HoleNeighbourhood,
-) -> Result<bool> {
+    limit: HoleLimit,
+) -> Result<Fate> {
     let positions = &filled.mesh.positions;
     // The border of a single triangle has three edges too, but covering it would double the triangle.
     let is_single_triangle = neighbourhood
@@ -194,8 +249,11 @@ fn fill(
     // A cover must not repeat an edge of the mesh, or that edge would get three triangles.
     let surroundings = Surroundings { positions, normals, edges: &neighbourhood.edges };
     let Some(cover) = minimal_cover(&surroundings, hole).filter(|_| !is_single_triangle) else {
-        return Ok(false);
+        return Ok(Fate::Uncovered);
     };
+    if !limit.permits(hole, positions, &cover) {
+        return Ok(Fate::TooWide);
+    }
     // Local numbers: the border first, then the vertices of adjacent triangles. Each hole is then a small
     // problem of its own.
     let mut number: HashMap<u32, u32> = (0..).zip(hole).map(|(k, v)| (*v, k)).collect();
@@ -244,7 +302,7 @@ fn fill(
         neighbourhood.add(*t, &on_loop);
     }
     filled.mesh.triangles.extend(made);
-    Ok(true)
+    Ok(Fate::Filled)
 }
 
 /// Fairs a cover: first to even triangles, then to the mean curvature of the surroundings, with regular

@@ -18,19 +18,15 @@
 //! Transactions 1991.
 
 use crate::mesh::TriangleMesh;
+use crate::surface_cells::{SurfaceCells, corner_numbers, corner_of};
 use planish_core::{BoundingBox, DVec3};
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use rayon::prelude::*;
 
-/// Maximum number of cells; bounds memory (each has up to eight corners with a key and a value).
-const MAX_CELLS: usize = 40_000_000;
 /// Maximum number of evaluations along an edge; only jumps of the function need more than about five.
 const MAX_STEPS: usize = 30;
 /// Accuracy of a vertex, relative to its edge, or to the difference of the values at the ends of the edge.
 const ACCURACY: f64 = 1e-6;
-/// Number of bits of a coordinate in a key; three coordinates fit into 64 bits.
-const BITS: u32 = 20;
-
 /// Corners of the tetrahedra of a cube, as bits of x, y and z: one tetrahedron for each order of the axes.
 ///
 /// The first three are positively oriented, the others mirrored.
@@ -41,30 +37,6 @@ const SINGLE_CORNER: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1]
 /// Even permutations of four corners, by the pair that comes first.
 const PAIRS: [[usize; 4]; 6] =
     [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
-
-/// A grid of cubes in a box.
-struct Grid {
-    low: DVec3,
-    cell: f64,
-}
-
-impl Grid {
-    /// The position of a corner.
-    fn place(&self, corner: [u32; 3]) -> DVec3 {
-        DVec3::from_array(std::array::from_fn(|k| self.low[k] + self.cell * f64::from(corner[k])))
-    }
-}
-
-/// Packs a corner into one number, by which corners are sorted and found.
-fn key([x, y, z]: [u32; 3]) -> u64 {
-    u64::from(x) | u64::from(y) << BITS | u64::from(z) << (2 * BITS)
-}
-
-/// The corner of a key.
-fn corner_of(key: u64) -> [u32; 3] {
-    let mask = (1_u64 << BITS) - 1;
-    [0, 1, 2].map(|k| (key >> (k * BITS) & mask) as u32)
-}
 
 /// The zero surface of `value` within `bounds`, by cubes of side `cell`.
 ///
@@ -92,69 +64,16 @@ pub fn isosurface(
     value: impl Fn(DVec3) -> f64 + Sync,
     may_pass: impl Fn(DVec3, f64) -> bool + Sync,
 ) -> Result<TriangleMesh> {
-    let extent = bounds.longest_side();
-    if !(cell > 0.0 && cell.is_finite() && extent >= 0.0 && extent.is_finite()) {
-        return Err(Error::input(format!(
-            "expected a box and cells of positive size for an isosurface, found an extent of {extent} and \
-             cells of {cell}"
-        )));
-    }
-    let levels = ((extent / cell).max(1.0).log2().ceil() as u32).max(1);
-    if levels >= BITS {
-        return Err(Error::unsupported(format!(
-            "expected at most a million cells along a side, found cells of {cell} in a box of {extent}"
-        )));
-    }
-    let grid = Grid { low: bounds.min, cell };
-    // From coarse to fine, only children of cubes through which the surface may pass. Cubes stay in order.
-    let mut cubes: Vec<[u32; 3]> = vec![[0; 3]];
-    for level in (0..=levels).rev() {
-        let side = cell * f64::from(1_u32 << level);
-        let reach = 0.5 * side * 3_f64.sqrt();
-        let within =
-            |cube: &[u32; 3]| (0..3).all(|k| grid.low[k] + side * f64::from(cube[k]) <= bounds.max[k]);
-        cubes = (cubes.into_par_iter())
-            .filter(within)
-            .filter(|cube| {
-                may_pass(
-                    DVec3::from_array(std::array::from_fn(|k| {
-                        grid.low[k] + side * (f64::from(cube[k]) + 0.5)
-                    })),
-                    reach,
-                )
-            })
-            .flat_map_iter(|cube| {
-                let children = if level > 0 { 0..8_u32 } else { 0..1 };
-                children.map(move |child| match level {
-                    0 => cube,
-                    _ => std::array::from_fn(|k| 2 * cube[k] + (child >> k & 1)),
-                })
-            })
-            .collect();
-        if cubes.len() > MAX_CELLS {
-            return Err(Error::unsupported(format!(
-                "expected at most {MAX_CELLS} cells at the surface, found more: use cells larger than \
-                 {cell}"
-            )));
-        }
-    }
-    // Values at the corners. Each corner is evaluated once although up to eight cubes share it.
-    let mut corners: Vec<u64> = (cubes.par_iter())
-        .flat_map_iter(|cube| (0..8_u32).map(move |c| key([0, 1, 2].map(|k| cube[k] + (c >> k & 1)))))
-        .collect();
-    corners.par_sort_unstable();
-    corners.dedup();
+    let SurfaceCells { grid, cubes, corners } = SurfaceCells::find(bounds, cell, may_pass)?;
     let values: Vec<f64> = (corners.par_iter()).map(|c| value(grid.place(corner_of(*c)))).collect();
     // The sign is decided once per corner. Zero and NaN count as outside for every cube alike, which
     // keeps the mesh closed.
     let inside: Vec<bool> = values.iter().map(|v| *v < 0.0).collect();
-    let index = |corner: [u32; 3]| corners.binary_search(&key(corner)).unwrap_or(0) as u32;
     // Triangles, whose vertices are named by the grid edge that they lie on: a pair of corners, the inner one
     // first. Equal edges are the same vertex, by which the triangles of different cubes join.
     let triangles: Vec<[[u32; 2]; 3]> = (cubes.par_iter())
         .flat_map_iter(|cube| {
-            let numbers: [u32; 8] =
-                std::array::from_fn(|c| index([0, 1, 2].map(|k| cube[k] + (c as u32 >> k & 1))));
+            let numbers = corner_numbers(&corners, *cube);
             let mut made = Vec::new();
             let first = inside[numbers[0] as usize];
             if numbers.iter().any(|&c| inside[c as usize] != first) {
@@ -211,7 +130,7 @@ fn triangles_of(corners: [u32; 4], inside: &[bool], mirrored: bool, made: &mut V
 ///
 /// The Illinois method (M. Dowell, P. Jarratt 1971): secants, with the value of an end that stays halved.
 /// Plain secants would approach the zero of a curved function from one side only, which is slow.
-fn zero_between([inside, outside]: [(DVec3, f64); 2], value: impl Fn(DVec3) -> f64) -> DVec3 {
+pub(crate) fn zero_between([inside, outside]: [(DVec3, f64); 2], value: impl Fn(DVec3) -> f64) -> DVec3 {
     let at = |share: f64| inside.0 + share * (outside.0 - inside.0);
     let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [inside.1, outside.1]);
     let small = ACCURACY * (above - below);

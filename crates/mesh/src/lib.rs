@@ -13,7 +13,7 @@
 //! | Random points on the surface | [`sample_points`] |
 //! | Curvature | [`vertex_curvature`] |
 //! | Comparison of two surfaces | [`DeviationStatistics`] |
-//! | Zero surface of a function | [`isosurface()`] |
+//! | Zero surface of a function | [`isosurface()`], with sharp features [`dual_contour()`] |
 //! | Merging of overlapping patches | [`Overlap`], [`fuse_patches`], [`stitch_patches`] |
 //! | Hole filling | [`fill_holes`] |
 //! | Visibility in an image | [`DepthBuffer`] |
@@ -50,6 +50,7 @@ mod copies;
 mod crossings;
 mod curvature;
 mod deviation;
+mod dual_contour;
 mod edges;
 mod facet_tree;
 mod filling;
@@ -64,6 +65,7 @@ mod ray;
 mod sampling;
 mod search;
 mod subdivision;
+mod surface_cells;
 mod triangle;
 mod visibility;
 mod winding;
@@ -72,8 +74,9 @@ pub use copies::distinct_triangles;
 pub use crossings::SelfCrossings;
 pub use curvature::{VertexCurvature, vertex_curvature};
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
+pub use dual_contour::{DistanceField, dual_contour};
 pub use facet_tree::{FacetTree, NearFacet};
-pub use filling::{Filled, fill_holes};
+pub use filling::{Filled, HoleLimit, fill_holes};
 pub use isosurface::isosurface;
 pub use merge::{
     CommonRegion, FusedVertices, ManifoldPatch, MergePatch, NoiseCorrelation, Overlap, OverlapFoot,

@@ -41,10 +41,6 @@ pub(crate) const TAPER: f64 = 2.5;
 ///
 /// A seam is one or two edges wide. A smaller reach leaves holes; a larger one bridges real gaps.
 const REACH: f64 = 3.5;
-/// Distance from the seams, in edges, up to which edges may be flipped.
-///
-/// More rings even out the valence better but change more of the measured triangles.
-const FLIP_RINGS: usize = 3;
 /// Components with at most this number of triangles, or a tenth of the smallest patch if this is less, are
 /// removed: they are remains of the cut or outliers.
 const MAX_FRAGMENT: usize = 12;
@@ -277,8 +273,9 @@ pub fn stitch_patches(
             stitched[*v as usize] = true;
         }
     }
-    // Valence is last, because fragments and split fans would still change it.
-    let (turned, valence) = valence::even_out(&positions, &mut triangles, &stitched, FLIP_RINGS);
+    // Valence is last, because fragments and split fans would still change it. Patches have vertices of their
+    // own with too many edges, mostly at the borders of scans, so the whole mesh is evened out.
+    let (turned, valence) = valence::even_out(&positions, &mut triangles, &stitched);
     let sigma = source.iter().map(|&(patch, v)| fused[patch as usize].sigma[v as usize]).collect();
     Ok(StitchedMesh {
         mesh: TriangleMesh::try_new(positions, triangles)?,

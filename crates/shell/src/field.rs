@@ -326,16 +326,6 @@ impl<'a> Shell<'a> {
         [low + inner, high + inner + (self.facets.len() as f64).ln() / k]
     }
 
-    /// The largest radius of a spherical metaball; zero for triangular ones.
-    pub(crate) fn largest_radius(&self) -> f64 {
-        self.skeletons.iter().map(|s| s.radius).fold(0.0, f64::max)
-    }
-
-    /// The maximum excess of [`Self::unsigned_distance`] over the distance of the nearest skeleton.
-    pub(crate) fn slack(&self) -> f64 {
-        self.slack
-    }
-
     /// The mesh that is wrapped.
     #[must_use]
     pub fn mesh(&self) -> &TriangleMesh {

@@ -64,7 +64,7 @@ pub struct MergeArgs {
     /// Formats: .ply (with σ and `observed`), .glb, .obj, .stl; .step or .planish for one spline.
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// How corresponding points are fused [default: information if all patches have σ, else refit]
+    /// How corresponding points are fused [default: information if all patches have σ, else mean]
     #[arg(long, value_name = "METHOD", value_enum, hide_short_help = true, help_heading = "Fusion")]
     pub method: Option<MethodName>,
     /// ε: maximum distance of corresponding points [default: from σ]
@@ -83,14 +83,13 @@ pub struct MergeArgs {
     /// Register the patches to the first one (corrects 1 % of their size and 1°)
     #[arg(long, help_heading = "Fusion")]
     pub align: bool,
-    /// Fill holes of at most this many edges
+    /// Fill holes of at most this many edges; 0: none [default: holes up to 3 edges wide]
     ///
     /// New vertices are marked as completed; their σ is a rough estimate. The outer rim of a sheet is not
-    /// filled.
-    // No hole is filled by default, because filled parts are not measured.
-    #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = count,
-          allow_negative_numbers = true, help_heading = "Result")]
-    pub fill: usize,
+    /// filled. The width of a hole is that of a slit, and half the diameter of a round hole.
+    #[arg(long, value_name = "EDGES", value_parser = count, allow_negative_numbers = true,
+          help_heading = "Result")]
+    pub fill: Option<usize>,
     /// Write curvatures and a boundary flag for each vertex
     ///
     /// Columns `mean_curvature`, `gaussian_curvature`, `sigma_mean_curvature` and `border` in .ply and .glb.

@@ -35,7 +35,7 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
             count(completed.carved)
         ));
     }
-    if let Some(filled) = &report.filled {
+    if let Some(filled) = report.filled.as_ref().filter(|filled| filled.holes > 0 || args.fill.is_some()) {
         lines.gap();
         lines.line(filled_line(filled));
     }
@@ -188,7 +188,7 @@ fn filled_line(filled: &FillReport) -> String {
     );
     // A hole that stays open is a reason to raise `--fill`, so the line names the option.
     if filled.unfilled > 0 {
-        words += &format!("; {} left open: more edges than --fill allows", counted(filled.unfilled, "hole"));
+        words += &format!("; {} left open: larger than --fill allows", counted(filled.unfilled, "hole"));
     }
     // The outer rim of a sheet is no hole; filling it would close the sheet.
     if filled.outer_rims > 0 {

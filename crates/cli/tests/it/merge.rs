@@ -67,6 +67,10 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     let read = planish(folder.path(), &["info", "filled.ply", "--json"]).ok().json();
     let columns = read["columns"].to_string();
     assert!(columns.contains("mean_curvature") && columns.contains("border"), "{read:#}");
+    let view =
+        ["view", "filled.ply", "--color", "mean-curvature", "--size", "200x150", "-o", "k.png", "--json"];
+    let viewed = planish(folder.path(), &view).ok().json();
+    assert_eq!(viewed["color"], "mean_curvature", "{viewed:#}");
     let left =
         planish(folder.path(), &["merge", "low.obj", "high.obj", "--fill", "71", "--json"]).ok().json();
     assert_eq!((&left["filled"]["holes"], &left["filled"]["left_open"]), (&0.into(), &2.into()));

@@ -23,28 +23,21 @@ const OPEN: &str = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nvt 0 0\nvt 1 0\nvt 0 
 fn open_mesh_has_a_closed_shell_and_no_offset() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("a.obj"), OPEN).expect("written");
-    let args = [
-        "shell",
-        "mesh",
-        "a.obj",
-        "--thickness",
-        "1",
-        "--softness",
-        "0.2",
-        "--cell",
-        "0.5",
-        "-o",
-        "s.off",
-        "--json",
-    ];
-    let result = planish(folder.path(), &args).ok().json();
-    assert!(
-        result["watertight"] == true && result["manifold"] == true && result["components"] == 1,
-        "{result}"
-    );
-    assert!(result["deviation_max"].as_f64().expect("a number") < 0.2, "{result}");
-    let faces = lines(folder.path(), "s.off", "3").len() as u64;
-    assert_eq!(faces, result["triangles"].as_u64().expect("a number"));
+    let paper = ["--surface", "shell", "--thickness", "1", "--softness", "0.2", "--cell", "0.5"];
+    let outer = ["--offset", "1", "--cell", "0.5"];
+    for (options, far) in [(&paper[..], 0.2), (&outer[..], 0.1)] {
+        let args = [&["shell", "mesh", "a.obj", "-o", "s.off", "--json"], options].concat();
+        let result = planish(folder.path(), &args).ok().json();
+        assert!(
+            result["watertight"] == true && result["manifold"] == true && result["components"] == 1,
+            "{result}"
+        );
+        assert!(result["deviation_max"].as_f64().expect("a number") < far, "{result}");
+        let faces = lines(folder.path(), "s.off", "3").len() as u64;
+        assert_eq!(faces, result["triangles"].as_u64().expect("a number"));
+    }
+    let ignored = planish(folder.path(), &["shell", "mesh", "a.obj", "--thickness", "1", "-o", "o.ply"]);
+    assert!(ignored.code == 2 && ignored.stderr.contains("--surface shell"), "{}", ignored.stderr);
     let result = planish(
         folder.path(),
         &["shell", "mesh", "a.obj", "--surface", "offset", "--offset", "1", "-o", "o.ply"],

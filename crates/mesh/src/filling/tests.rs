@@ -17,7 +17,7 @@ fn open_ball(below: f64) -> TriangleMesh {
 }
 
 fn fill(mesh: &TriangleMesh, longest: usize) -> Filled {
-    fill_holes(mesh, &vec![0.001; mesh.positions.len()], longest, &mut |_| Ok(())).unwrap()
+    fill_holes(mesh, &vec![0.001; mesh.positions.len()], HoleLimit::Edges(longest), &mut |_| Ok(())).unwrap()
 }
 
 /// A cover continues the surrounding curvature, so that a ball stays a ball. A flat cover would be wrong by
@@ -30,7 +30,7 @@ fn the_cover_of_a_ball_continues_its_curvature() {
         let filled = fill(&ball, 10_000);
         let check = filled.mesh.check();
         assert!(check.watertight && check.oriented && check.manifold, "{below}: {check:?}");
-        assert_eq!((filled.holes, filled.outer_rims, filled.too_long, filled.uncovered), (1, 0, 0, 0));
+        assert_eq!((filled.holes, filled.outer_rims, filled.too_large, filled.uncovered), (1, 0, 0, 0));
         assert_eq!(&filled.mesh.positions[..n], &ball.positions[..]);
         let (mut worst, mut over) = (0.0_f64, 0.0_f64);
         for (p, s) in filled.mesh.positions.iter().zip(&filled.sigma).skip(n) {
@@ -69,7 +69,7 @@ fn sigma_of_a_cover_includes_noise_at_its_border() {
             let off = sigma * 12_f64.sqrt() * (rng.random::<f64>() - 0.5);
             *p = (1.0 + off) * *p;
         }
-        let filled = fill_holes(&ball, &vec![sigma; n], 10_000, &mut |_| Ok(())).unwrap();
+        let filled = fill_holes(&ball, &vec![sigma; n], HoleLimit::Edges(10_000), &mut |_| Ok(())).unwrap();
         let over: Vec<f64> = (filled.mesh.positions.iter().zip(&filled.sigma).skip(n))
             .map(|(p, s)| (p.length() - 1.0).abs() / s)
             .collect();
@@ -99,7 +99,7 @@ fn outer_rims_stay_open() {
     assert_eq!(fill(&turned.unwrap(), 10_000).outer_rims, 1);
     let tube = fill(&cylinder(1.0, 3.0, 40, 20, false), 40);
     assert!(tube.mesh.check().watertight && tube.holes == 2);
-    assert_eq!(fill(&cylinder(1.0, 3.0, 40, 20, false), 39).too_long, 2);
+    assert_eq!(fill(&cylinder(1.0, 3.0, 40, 20, false), 39).too_large, 2);
     // The border of a single triangle is not a hole.
     let triangle = TriangleMesh::try_new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap();
     assert_eq!((fill(&triangle, 10).holes, fill(&triangle, 10).outer_rims), (0, 1));
@@ -114,7 +114,30 @@ fn long_loops_are_covered_too() {
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
     assert!(filled.mesh.positions.len() < 60_000, "{}", filled.mesh.positions.len());
     let sigma = vec![0.001; tube.positions.len()];
-    let stopped = fill_holes(&tube, &sigma, 10_000, &mut |_| Err(Error::interrupted()));
+    let stopped = fill_holes(&tube, &sigma, HoleLimit::Edges(10_000), &mut |_| Err(Error::interrupted()));
     assert_eq!(stopped.unwrap_err().kind(), ErrorKind::Interrupted);
-    assert!(fill_holes(&tube, &sigma[1..], 10, &mut |_| Ok(())).is_err());
+    assert!(fill_holes(&tube, &sigma[1..], HoleLimit::Edges(10), &mut |_| Ok(())).is_err());
+}
+
+/// A slit of any length is narrow, a round hole of the same area is not; wide parts stay open.
+#[test]
+fn narrow_holes_are_filled_by_width() {
+    let sheet = |is_hole: &dyn Fn(DVec3) -> bool| {
+        let mut sheet = grid_sheet(4.0, 4.0, 81, 81);
+        sheet.triangles.retain(|t| !t.iter().any(|v| is_hole(sheet.positions[*v as usize])));
+        crate::MergePatch::make_manifold(&sheet, &[]).unwrap().patch.mesh
+    };
+    let filled = |mesh: &TriangleMesh, widest: f64| {
+        let sigma = vec![0.001; mesh.positions.len()];
+        fill_holes(mesh, &sigma, HoleLimit::Width(widest), &mut |_| Ok(())).unwrap()
+    };
+    // Edges are 0.05 long; with the triangles around it, the slit is 0.15 wide.
+    let slit = sheet(&|p| p.x.abs() < 1.5 && p.y.abs() < 0.03);
+    let found = filled(&slit, 3.0);
+    assert_eq!((found.holes, found.too_large, found.outer_rims), (1, 0, 1));
+    assert!((found.mesh.area() - 16.0).abs() < 1e-9);
+    assert_eq!(filled(&slit, 1.0).too_large, 1);
+    let round = sheet(&|p| p.length() < 0.4);
+    assert_eq!((filled(&round, 3.0).holes, filled(&round, 3.0).too_large), (0, 1));
+    assert_eq!(filled(&sheet(&|p| p.length() < 0.06), 3.0).holes, 1);
 }

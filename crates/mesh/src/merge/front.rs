@@ -41,8 +41,9 @@ struct Border {
     next: Vec<u32>,
     previous: Vec<u32>,
     open: Vec<bool>,
-    /// Open edges that start at a vertex.
-    outgoing: HashMap<u32, Vec<u32>>,
+    /// Open edges that start at each vertex. A vector, because looking these up in a hash map took a third of
+    /// the time of stitching.
+    outgoing: Vec<Vec<u32>>,
     /// Edges with both ends on the border, the smaller index first.
     edges: HashSet<[u32; 2]>,
 }
@@ -56,7 +57,7 @@ struct Candidate {
 
 /// Closes gaps; new triangles are appended.
 pub(super) fn stitch(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
-    let mut border = Border::new(triangles);
+    let mut border = Border::new(triangles, seam.positions.len());
     let grid = Grid::new(seam, border.from.iter().copied());
     let mut queue = BinaryHeap::new();
     for edge in 0..border.from.len() as u32 {
@@ -91,7 +92,7 @@ pub(super) fn stitch(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
 }
 
 impl Border {
-    fn new(triangles: &[[u32; 3]]) -> Self {
+    fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
         let opposite = opposites(triangles);
         let mut number = HashMap::new();
         let mut border = Self {
@@ -100,7 +101,7 @@ impl Border {
             next: Vec::new(),
             previous: Vec::new(),
             open: Vec::new(),
-            outgoing: HashMap::new(),
+            outgoing: vec![Vec::new(); vertices],
             edges: HashSet::new(),
         };
         let corner = |half: u32| triangles[half as usize / 3][half as usize % 3];
@@ -109,7 +110,7 @@ impl Border {
             number.insert(half, edge);
             border.from.push(corner(half));
             border.to.push(corner(next_in_triangle(half)));
-            border.outgoing.entry(corner(half)).or_default().push(edge);
+            border.outgoing[corner(half) as usize].push(edge);
         }
         border.next = vec![NONE; border.from.len()];
         border.previous = vec![NONE; border.from.len()];
@@ -192,16 +193,14 @@ impl Border {
         self.next.push(NONE);
         self.previous.push(NONE);
         self.open.push(true);
-        self.outgoing.entry(from).or_default().push(edge);
+        self.outgoing[from as usize].push(edge);
         self.edges.insert([from.min(to), from.max(to)]);
         edge
     }
 
     fn close(&mut self, edge: u32) {
         self.open[edge as usize] = false;
-        if let Some(outgoing) = self.outgoing.get_mut(&self.from[edge as usize]) {
-            outgoing.retain(|e| *e != edge);
-        }
+        self.outgoing[self.from[edge as usize] as usize].retain(|e| *e != edge);
     }
 
     fn joined(&self, a: u32, b: u32) -> bool {
@@ -232,7 +231,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     // Border vertices in reach, on the same side of the surface.
     let mut near: Vec<(u32, [f64; 2])> = Vec::new();
     grid.visit(middle, grid.reach + 0.5 * length, |v| {
-        if normal_at(v).dot(up) > 0.0 && !border.outgoing[&v].is_empty() {
+        if !border.outgoing[v as usize].is_empty() && normal_at(v).dot(up) > 0.0 {
             near.push((v, flat(at(v))));
         }
     });
@@ -263,9 +262,20 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     }
     // The largest angle (smallest cosine) whose triangle fits between the borders wins.
     seen.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+    if seen.is_empty() {
+        return None;
+    }
+    // Border edges nearby, in the plane of the edge, that a new edge must not cross.
+    let others: Vec<(u32, u32, [f64; 2], [f64; 2])> = (near.iter())
+        .flat_map(|&(v, place)| border.outgoing[v as usize].iter().map(move |other| (v, place, *other)))
+        .filter(|(.., other)| *other != edge)
+        .map(|(v, place, other)| (v, border.to[other as usize], place))
+        .filter(|(_, w, _)| normal_at(*w).dot(up) > 0.0)
+        .map(|(v, w, place)| (v, w, place, flat(at(w))))
+        .collect();
     for (cosine, c) in seen {
         let place = flat(at(c));
-        for &outgoing in &border.outgoing[&c] {
+        for &outgoing in &border.outgoing[c as usize] {
             let incoming = border.previous[outgoing as usize];
             let (is_next, is_previous) = (border.next[e] == incoming, border.previous[e] == outgoing);
             if !is_next && border.joined(b, c) || !is_previous && border.joined(a, c) {
@@ -280,17 +290,14 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
                 continue;
             }
             // The two new edges must not cross other border edges. Only edges with an end in reach can do so.
-            let crosses = near.iter().any(|&(v, _)| {
-                border.outgoing[&v].iter().any(|&other| {
-                    let w = border.to[other as usize];
-                    if other == edge || normal_at(w).dot(up) <= 0.0 {
-                        return false;
-                    }
-                    let (s, t) = (flat(at(v)), flat(at(w)));
-                    let apart = |x: u32, y: u32| v != x && v != y && w != x && w != y;
-                    apart(a, c) && cross_in_plane(flat_a, place, s, t)
-                        || apart(b, c) && cross_in_plane(flat_b, place, s, t)
-                })
+            let crosses = others.iter().any(|&(v, w, s, t)| {
+                // The new edges are on the outer side, up to the height of the corner.
+                if s[1].min(t[1]) > place[1] || s[1].max(t[1]) < 0.0 {
+                    return false;
+                }
+                let apart = |x: u32, y: u32| v != x && v != y && w != x && w != y;
+                apart(a, c) && cross_in_plane(flat_a, place, s, t)
+                    || apart(b, c) && cross_in_plane(flat_b, place, s, t)
             });
             if crosses {
                 continue;

@@ -1,10 +1,9 @@
 //! Flips edges so that most vertices have six neighbours.
 //!
-//! In: a surface and the vertices that may change. Out: the same vertices with the same number of triangles.
+//! In: a surface and the vertices of its seams. Out: the same vertices with the same number of triangles.
 //! The sum `Σ (valence − 6)²` (4 on the border) decreases with each flip or sequence of flips, without
 //! folding the surface. Not guaranteed: six neighbours everywhere, which the topology does not permit.
 
-use crate::edges::edge;
 use crate::half_edges::{NONE, around, flip, next_in_triangle, opposites, previous_in_triangle};
 use crate::triangle::smallest_angle;
 use planish_core::DVec3;
@@ -35,8 +34,11 @@ const LIMITS: [Limits; 4] = [
 ];
 /// Distance in edges within which a change makes another attempt at a vertex worthwhile.
 const RETRY_RADIUS: usize = 3;
-/// Maximum number of flips tried for one vertex; bounds the cost of the search.
+/// Maximum number of flips tried for one vertex of a seam; bounds the cost of the search.
 const MAX_TRIED: usize = 4_000;
+/// The same for sequences at all vertices, before those at seams. Patches have many vertices with more than
+/// six edges, at borders and gaps of scans. With the effort of the seams, merging took three times as long.
+const MAX_TRIED_ELSEWHERE: usize = 100;
 /// Additional weight of edges beyond six at the vertices that should have six at most.
 const EXCESS_WEIGHT: i64 = 20;
 
@@ -55,19 +57,17 @@ fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u3
     valence
 }
 
-/// Flips edges up to `steps` edges away from the `wanted` vertices. These get at most six edges, the others
-/// as close to six as possible. Returns the number of flips and the valence of every vertex.
-pub(super) fn even_out(
-    positions: &[DVec3],
-    triangles: &mut [[u32; 3]],
-    wanted: &[bool],
-    steps: usize,
-) -> (usize, Vec<u32>) {
-    let mut net = FlipMesh::new(positions, triangles, wanted, steps);
+/// Flips edges so that vertices get at most six edges. Vertices of the `seam` are tried longer than others.
+/// Returns the number of flips and the valence of every vertex.
+pub(super) fn even_out(positions: &[DVec3], triangles: &mut [[u32; 3]], seam: &[bool]) -> (usize, Vec<u32>) {
+    let mut net = FlipMesh::new(positions, triangles);
     // Single flips that improve the sum, until none is left. After a flip, the edges of both triangles are
     // worth another test.
-    let free = |half: &u32| net.free[net.corner(*half) as usize];
-    let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(free).collect();
+    let has_too_many = |half: &u32| {
+        let [a, b] = [net.corner(*half), net.end(*half)];
+        net.valence[a as usize] > 6 || net.valence[b as usize] > 6
+    };
+    let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(has_too_many).collect();
     while let Some(half) = queue.pop() {
         let better = |(change, around)| change < 0 && net.may_flip(around);
         if net.change(half).is_some_and(better) {
@@ -75,37 +75,15 @@ pub(super) fn even_out(
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
     }
-    // Where no single flip improves the sum, a sequence can. A failed vertex is tried again only after a
-    // change nearby.
+    // Where no single flip improves the sum, a sequence can: everywhere, and then longer ones at seams, which
+    // may leave their excess at vertices of the patches.
+    // The last limits are for seams alone: they permit thin triangles.
+    for limits in &LIMITS[..3] {
+        net.improve(*limits, MAX_TRIED_ELSEWHERE);
+    }
+    net.wanted = seam.to_vec();
     for limits in LIMITS {
-        net.limits = limits;
-        let mut changes = 1;
-        let mut changed = vec![1; positions.len()];
-        let mut tried = vec![0; positions.len()];
-        loop {
-            let before = net.flips;
-            for v in 0..positions.len() as u32 {
-                let at = v as usize;
-                if !wanted[at]
-                    || net.valence[at] <= 6
-                    || !net.near(v, RETRY_RADIUS).into_iter().any(|w| changed[w as usize] > tried[at])
-                {
-                    continue;
-                }
-                (net.tried, tried[at]) = (0, changes);
-                net.trail.clear();
-                net.find_room(v, limits.sequence);
-                if net.reduce_valence(&[v], limits.sequence, 0) {
-                    changes += 1;
-                    for w in net.trail.iter().flatten() {
-                        changed[*w as usize] = changes;
-                    }
-                }
-            }
-            if net.flips == before {
-                break;
-            }
-        }
+        net.improve(limits, MAX_TRIED);
     }
     (net.flips, net.valence)
 }
@@ -114,19 +92,18 @@ pub(super) fn even_out(
 struct FlipMesh<'a> {
     positions: &'a [DVec3],
     triangles: &'a mut [[u32; 3]],
-    wanted: &'a [bool],
-    /// For each vertex, true if edges around it may be flipped.
-    free: Vec<bool>,
+    /// For each vertex, true if it should have at most six edges.
+    wanted: Vec<bool>,
     opposite: Vec<u32>,
     /// For each vertex, one half-edge that starts there.
     leaves: Vec<u32>,
     valence: Vec<u32>,
     border: Vec<bool>,
-    edges: HashSet<[u32; 2]>,
     limits: Limits,
     flips: usize,
-    /// Number of flips tried for the current vertex.
+    /// Number of flips tried for the current vertex, and its maximum.
     tried: usize,
+    max_tried: usize,
     /// The vertices of the flips in the current sequence.
     trail: Vec<[u32; 4]>,
     /// For vertices near the current one, the distance in edges to a vertex that can take another edge.
@@ -134,21 +111,9 @@ struct FlipMesh<'a> {
 }
 
 impl<'a> FlipMesh<'a> {
-    fn new(positions: &'a [DVec3], triangles: &'a mut [[u32; 3]], wanted: &'a [bool], steps: usize) -> Self {
-        let mut free = wanted.to_vec();
-        for _ in 0..steps {
-            // A copy of the last ring, so that one step adds exactly one ring whatever the order of the
-            // triangles.
-            let before = free.clone();
-            for t in triangles.iter().filter(|t| t.iter().any(|v| before[*v as usize])) {
-                for v in t {
-                    free[*v as usize] = true;
-                }
-            }
-        }
+    fn new(positions: &'a [DVec3], triangles: &'a mut [[u32; 3]]) -> Self {
         let opposite = opposites(triangles);
         let mut border = vec![false; positions.len()];
-        let mut edges = HashSet::new();
         let mut leaves = vec![NONE; positions.len()];
         for (half, over) in opposite.iter().enumerate() {
             let (a, b) = (triangles[half / 3][half % 3], triangles[half / 3][(half % 3 + 1) % 3]);
@@ -157,24 +122,19 @@ impl<'a> FlipMesh<'a> {
                 border[a as usize] = true;
                 border[b as usize] = true;
             }
-            // Flips only create edges between free vertices, so others need no entry.
-            if free[a as usize] && free[b as usize] {
-                edges.insert(edge(a, b));
-            }
         }
         Self {
             valence: valences(triangles, &opposite, positions.len()),
+            wanted: vec![true; positions.len()],
             positions,
             triangles,
-            wanted,
-            free,
             opposite,
             leaves,
             border,
-            edges,
             limits: LIMITS[0],
             flips: 0,
             tried: 0,
+            max_tried: MAX_TRIED,
             trail: Vec::new(),
             room: HashMap::new(),
         }
@@ -201,11 +161,7 @@ impl<'a> FlipMesh<'a> {
         let [a, b, c, d] = around;
         // `c == d` is a pair of triangles over the same three vertices. A vertex with three edges would
         // keep two, which is no surface.
-        if !around.iter().all(|v| self.free[*v as usize])
-            || c == d
-            || self.valence[a as usize] <= 3
-            || self.valence[b as usize] <= 3
-        {
+        if c == d || self.valence[a as usize] <= 3 || self.valence[b as usize] <= 3 {
             return None;
         }
         // Squares, so that one vertex with eight edges is worse than two with seven.
@@ -224,7 +180,14 @@ impl<'a> FlipMesh<'a> {
     /// Returns true if a flip neither duplicates an edge nor folds the surface.
     fn may_flip(&self, around: [u32; 4]) -> bool {
         let [_, _, c, d] = around;
-        !self.edges.contains(&edge(c, d)) && self.stays_flat(around)
+        !self.joined(c, d) && self.stays_flat(around)
+    }
+
+    /// Returns true if two vertices have a common edge.
+    fn joined(&self, a: u32, b: u32) -> bool {
+        // A border vertex has one neighbour that no half-edge from it ends at.
+        let ends_at = |from: u32, to: u32| self.leaving(from).into_iter().any(|half| self.end(half) == to);
+        ends_at(a, b) || ends_at(b, a)
     }
 
     /// Returns true if the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
@@ -255,8 +218,6 @@ impl<'a> FlipMesh<'a> {
         for (v, leaving) in [(c, 3 * t), (d, 3 * s), (b, 3 * t + 2), (a, 3 * s + 2)] {
             self.leaves[v as usize] = leaving;
         }
-        self.edges.remove(&edge(a, b));
-        self.edges.insert(edge(c, d));
         self.valence[a as usize] -= 1;
         self.valence[b as usize] -= 1;
         self.valence[c as usize] += 1;
@@ -362,6 +323,38 @@ impl<'a> FlipMesh<'a> {
         ends.into_iter().map(|(.., end)| end).collect()
     }
 
+    /// Tries sequences of flips at all vertices with too many edges, until none helps.
+    fn improve(&mut self, limits: Limits, max_tried: usize) {
+        (self.limits, self.max_tried) = (limits, max_tried);
+        let mut changes = 1;
+        let mut changed = vec![1; self.positions.len()];
+        let mut tried = vec![0; self.positions.len()];
+        loop {
+            let before = self.flips;
+            for v in 0..self.positions.len() as u32 {
+                let at = v as usize;
+                // A failed vertex is tried again only after a change nearby.
+                if !self.has_too_many(v)
+                    || !self.near(v, RETRY_RADIUS).into_iter().any(|w| changed[w as usize] > tried[at])
+                {
+                    continue;
+                }
+                (self.tried, tried[at]) = (0, changes);
+                self.trail.clear();
+                self.find_room(v, limits.sequence);
+                if self.reduce_valence(&[v], limits.sequence, 0) {
+                    changes += 1;
+                    for w in self.trail.iter().flatten() {
+                        changed[*w as usize] = changes;
+                    }
+                }
+            }
+            if self.flips == before {
+                break;
+            }
+        }
+    }
+
     /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as
     /// a result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
     fn reduce_valence(&mut self, too_many: &[u32], flips: usize, change: i64) -> bool {
@@ -374,7 +367,7 @@ impl<'a> FlipMesh<'a> {
             let Some((edge, (more, around))) = edge.and_then(|h| Some((h, self.change(h)?))) else {
                 continue;
             };
-            if self.tried >= MAX_TRIED {
+            if self.tried >= self.max_tried {
                 return false;
             }
             if !self.may_flip(around) {

@@ -12,8 +12,8 @@ pub enum Compared {
     Mesh(ComparedMesh),
 }
 
-/// A mesh whose vertices may carry σ and `observed`.
-#[derive(Debug, Clone)]
+/// A mesh whose vertices may carry σ, `observed` and curvature.
+#[derive(Debug, Clone, Default)]
 pub struct ComparedMesh {
     /// Positions and triangles.
     pub mesh: TriangleMesh,
@@ -21,6 +21,8 @@ pub struct ComparedMesh {
     pub sigma: Option<Vec<f64>>,
     /// Whether each vertex was measured.
     pub observed: Option<Vec<Observed>>,
+    /// Mean and Gaussian curvature of each vertex, positive towards the normal; NaN where unknown.
+    pub curvature: [Option<Vec<f64>>; 2],
     /// Unit of every length, if the file states it.
     pub unit: Option<Unit>,
 }
@@ -54,8 +56,11 @@ impl ComparedMesh {
                 sigma.unwrap_or_default()[at]
             )));
         }
+        let curvature =
+            ["mean_curvature", "gaussian_curvature"].map(|name| file.column(name).map(<[f64]>::to_vec));
         Ok(Self {
             sigma,
+            curvature,
             observed: file
                 .column("observed")
                 .map(|column| column.iter().map(|&mark| observed_of(mark)).collect()),

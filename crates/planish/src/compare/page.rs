@@ -1,7 +1,7 @@
 //! The report of a comparison.
 
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
-use crate::report::scenes::{MAX_TRIANGLES, model_scene_of, numbers, observed_field};
+use crate::report::scenes::{MAX_TRIANGLES, curvature_fields, model_scene_of, numbers, observed_field};
 use crate::report::words::SmallUnit;
 use planish_core::DVec3;
 use planish_estimate::Result;
@@ -125,6 +125,7 @@ pub(crate) fn known_mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
     if let Some(observed) = &mesh.observed {
         fields.push(observed_field(&observed.iter().map(|o| o.mark()).collect::<Vec<u8>>()));
     }
+    fields.extend(curvature_fields(mesh.curvature.clone(), unit));
     Scene {
         unit: unit.to_owned(),
         surfaces: vec![SurfaceShown {

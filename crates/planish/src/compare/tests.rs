@@ -40,7 +40,7 @@ fn a_model_outside_its_reference_is_positive_in_both_directions() {
     let small = icosphere(0.9, 4);
     for model in [
         measured(Shape::Ball),
-        Compared::Mesh(ComparedMesh { mesh: icosphere(1.0, 5), sigma: None, observed: None, unit: None }),
+        Compared::Mesh(ComparedMesh { mesh: icosphere(1.0, 5), ..ComparedMesh::default() }),
     ] {
         let report = compared(&model, mesh_reference(small.clone()));
         for found in [report.forward.unwrap(), report.backward.unwrap()] {
@@ -62,7 +62,7 @@ fn the_chord_error_of_a_mesh_is_in_the_offset_of_points() {
             (1.0 + 0.005 * standard_normal(&mut rng)) * n
         });
         let reference = points(cloud.collect());
-        let mesh = ComparedMesh { mesh: icosphere(1.0, level), sigma: None, observed: None, unit: None };
+        let mesh = ComparedMesh { mesh: icosphere(1.0, level), ..ComparedMesh::default() };
         let offset = compared(&Compared::Mesh(mesh), reference).backward.unwrap().offset.unwrap();
         println!("level {level}: {offset:?}");
         assert!(offset.value.abs() < 3.0 * offset.sigma, "level {level}: {offset:?}");
@@ -174,8 +174,7 @@ fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
         let model = Compared::Mesh(ComparedMesh {
             sigma: Some(vec![sigma; heights.len()]),
             mesh: mesh.clone(),
-            observed: None,
-            unit: None,
+            ..ComparedMesh::default()
         });
         let found = compared(&model, points(truth.positions.clone())).coverage95.unwrap();
         assert!((low..high).contains(&found), "{sigma}: {found}");
@@ -219,7 +218,7 @@ fn only_measured_parts_are_compared() {
     assert!(report.skipped.model_not_observed > 0);
     let mesh = grid_sheet(2.0, 2.0, 4, 4);
     let observed = mesh.positions.iter().map(|p| Observed::from_measured(p[0] < 0.1)).collect();
-    let model = Compared::Mesh(ComparedMesh { mesh, observed: Some(observed), sigma: None, unit: None });
+    let model = Compared::Mesh(ComparedMesh { mesh, observed: Some(observed), ..ComparedMesh::default() });
     let report = compared(&model, points(vec![DVec3::new(-0.5, 0.0, 0.1), DVec3::new(0.5, 0.0, 0.1)]));
     assert_eq!((report.backward.unwrap().n, report.skipped.reference_not_observed), (1, 1));
     assert_eq!(report.coverage95, None);

@@ -26,8 +26,9 @@ const RADIUS_EDGES: f64 = 12.0;
 /// Side of a spline cell, in edges. Smaller cells follow noise; larger ones smooth shape.
 const CELL_EDGES: f64 = 1.75;
 /// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1. A larger
-/// value means more, closer pieces at proportional cost.
-const MIN_COVERAGE: f64 = 0.4;
+/// value means more, closer pieces at proportional cost. 0.4 is as near to the points of ten bunny scans (rms
+/// 0.1854 mm with both), and in three simulated scenes not nearer to the truth.
+const MIN_COVERAGE: f64 = 0.2;
 /// Maximum number of cells across a piece. Fine vertices among coarse ones would otherwise demand too many.
 const MAX_CELLS_ACROSS: f64 = 60.0;
 /// Minimum number of vertices for a refit.
@@ -91,7 +92,7 @@ pub(super) fn refitted(
         .filter(|place| shared(*place))
         .collect();
     // Sorted by position, so that the result does not depend on the order of the patches.
-    seeds.par_sort_unstable_by(|a, b| by_position(patches, *a, *b));
+    seeds.par_sort_unstable_by_key(|place| walk.rank(*place));
     let mut next = 0;
     while next < seeds.len() {
         progress.check("refitting overlaps", next as f64 / seeds.len() as f64)?;
@@ -257,6 +258,9 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
 
 /// Visits connected vertices from neighbour to neighbour, also across patches.
 struct Walk {
+    /// The place of each vertex in the order of positions. Sorting by these numbers takes a tenth of the time
+    /// of sorting by positions in each walk.
+    ranks: Vec<Vec<u32>>,
     /// The number of the walk that visited a vertex last, so that nothing is cleared between walks.
     met: Vec<Vec<u32>>,
     walks: u32,
@@ -264,7 +268,20 @@ struct Walk {
 
 impl Walk {
     fn new(patches: &[MergePatch]) -> Self {
-        Self { met: patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect(), walks: 0 }
+        let zeros: Vec<Vec<u32>> = patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect();
+        let mut all: Vec<Place> = (zeros.iter().enumerate())
+            .flat_map(|(p, of_patch)| (0..of_patch.len()).map(move |v| (p as u32, v as u32)))
+            .collect();
+        all.par_sort_unstable_by(|a, b| by_position(patches, *a, *b));
+        let mut ranks = zeros.clone();
+        for (rank, (p, v)) in all.into_iter().enumerate() {
+            ranks[p as usize][v as usize] = rank as u32;
+        }
+        Self { ranks, met: zeros, walks: 0 }
+    }
+
+    fn rank(&self, (p, v): Place) -> u32 {
+        self.ranks[p as usize][v as usize]
     }
 
     /// Connected vertices within the radius of `first` that face the same way, with weights that decrease to
@@ -306,7 +323,7 @@ impl Walk {
             }
         }
         // The walk depends on the order of the patches; floating-point sums must not.
-        members.sort_unstable_by(|(a, _), (b, _)| by_position(patches, *a, *b));
+        members.sort_unstable_by_key(|(place, _)| self.rank(*place));
         members
     }
 }

@@ -73,7 +73,7 @@ pub struct FillReport {
     pub triangles: usize,
     /// Outer boundaries, such as that of a sheet; they were left open.
     pub outer_rims: usize,
-    /// Holes with more edges than were allowed, and those that could not be covered: they were left open.
+    /// Holes that are larger than was allowed, and those that could not be covered: they were left open.
     #[serde(rename = "left_open")]
     pub unfilled: usize,
 }
@@ -107,7 +107,7 @@ pub struct MergeReport {
     /// The completion by a bound, if one was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub completed: Option<CompletionReport>,
-    /// The filled holes, if requested.
+    /// The filled holes, unless none were to be filled.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub filled: Option<FillReport>,
     /// Whether σ was estimated from the differences between patches.
@@ -123,6 +123,8 @@ pub struct MergeReport {
     pub removed_fragments: usize,
     /// `valence[n]`: vertices of seams where n edges meet.
     pub valence: Vec<usize>,
+    /// `valence_mesh[n]`: vertices of the whole mesh where n edges meet.
+    pub valence_mesh: Vec<usize>,
     /// The shapes of all triangles.
     pub quality: Option<TriangleQuality>,
     /// Files read.

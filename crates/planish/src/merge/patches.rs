@@ -88,7 +88,8 @@ pub fn read_patches(
             read.push((of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?, stated));
         } else if let Some(file) = with_faces {
             set.inputs.push(path.clone());
-            let ComparedMesh { mesh, sigma, observed, unit: of_file } = ComparedMesh::from_file(file, path)?;
+            let ComparedMesh { mesh, sigma, observed, unit: of_file, .. } =
+                ComparedMesh::from_file(file, path)?;
             let known: Vec<bool> = match &observed {
                 Some(observed) => observed.iter().map(|o| *o != Observed::PriorOnly).collect(),
                 None => vec![true; mesh.positions.len()],

@@ -15,7 +15,7 @@ use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
-    BoundingBox, MergePatch, MeshSearch, Overlap, OverlapOptions, StitchedMesh, TriangleMesh,
+    BoundingBox, MergePatch, MeshSearch, Neighbours, Overlap, OverlapOptions, StitchedMesh, TriangleMesh,
     quantile_of_sorted,
 };
 use planish_report::numbers::counted;
@@ -237,6 +237,7 @@ impl Ready {
             holes_closed: stitched_mesh.holes_closed,
             removed_fragments: stitched_mesh.fragments,
             valence: stitched_mesh.valence.clone(),
+            valence_mesh: valences(&stitched_mesh.mesh),
             quality: quality(&stitched_mesh.mesh),
             inputs: outcome.inputs,
             unit: self.unit,
@@ -303,6 +304,20 @@ fn order_in_space(patches: &[MergePatch]) -> Vec<usize> {
 fn in_order<T>(values: Vec<T>, order: &[usize]) -> Vec<T> {
     let mut values: Vec<Option<T>> = values.into_iter().map(Some).collect();
     order.iter().filter_map(|k| values[*k].take()).collect()
+}
+
+/// The number of vertices with each number of edges.
+fn valences(mesh: &TriangleMesh) -> Vec<usize> {
+    let neighbours = Neighbours::from_mesh(mesh);
+    let mut found = Vec::new();
+    for v in 0..mesh.positions.len() as u32 {
+        let mut ends = neighbours.of_vertex(v).to_vec();
+        ends.sort_unstable();
+        ends.dedup();
+        found.resize(found.len().max(ends.len() + 1), 0);
+        found[ends.len()] += 1;
+    }
+    found
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

@@ -135,21 +135,9 @@ fn surface_shown(
             curvature.map_or([f64::NAN; 2], |c| c.principal)
         })
         .collect();
-    let per_length = format!("1/{unit}");
-    fields.push(numbers(
-        "mean_curvature",
-        "mean curvature",
-        &per_length,
-        FieldKind::Signed(None),
-        principal.iter().map(|k| 0.5 * (k[0] + k[1])).collect(),
-    ));
-    fields.push(numbers(
-        "gaussian_curvature",
-        "Gaussian curvature",
-        &format!("1/{unit}²"),
-        FieldKind::Signed(None),
-        principal.iter().map(|k| k[0] * k[1]).collect(),
-    ));
+    let mean = principal.iter().map(|k| 0.5 * (k[0] + k[1])).collect();
+    let gaussian = principal.iter().map(|k| k[0] * k[1]).collect();
+    fields.extend(curvature_fields([Some(mean), Some(gaussian)], unit));
     let seen_by = readings.map(|readings| {
         // Few combinations of scans occur, so vertices store the number of a combination. Numbers follow the
         // order of leaves and are the same in every run.
@@ -284,4 +272,19 @@ fn cell_lines(surface: &Surface) -> LineSet {
         }
     }
     LineSet { name: "cells".to_owned(), segments, colour: "#1b1b1f".to_owned(), hidden: true }
+}
+
+/// The fields of mean and Gaussian curvature, as far as they are known.
+pub(crate) fn curvature_fields(curvature: [Option<Vec<f64>>; 2], unit: &str) -> Vec<Field> {
+    // Without a unit, "1/" would stand alone.
+    let per = |power: &str| if unit.is_empty() { String::new() } else { format!("1/{unit}{power}") };
+    let names = [
+        ("mean_curvature", "mean curvature", per("")),
+        ("gaussian_curvature", "Gaussian curvature", per("²")),
+    ];
+    (names.into_iter().zip(curvature))
+        .filter_map(|((name, label, unit), values)| {
+            Some(numbers(name, label, &unit, FieldKind::Signed(None), values?))
+        })
+        .collect()
 }

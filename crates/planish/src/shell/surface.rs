@@ -2,7 +2,7 @@
 //!
 //! Input: any mesh and the options of its field. Output: a mesh, and its deviations from the exact surface.
 //!
-//! Not guaranteed: parts thinner than a cell are lost, and sharp edges are cut by chords.
+//! Not guaranteed: parts thinner than a cell are lost.
 
 use crate::job::Job;
 use crate::output::unsupported_extension;
@@ -13,13 +13,16 @@ use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, read_mesh, write_mesh};
 use planish_mesh::TriangleMesh;
-pub use planish_shell::{IsoLevel, Metaball};
-use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivide_for_spheres};
+use planish_report::numbers::{counted, significant};
+pub use planish_shell::Metaball;
+use planish_shell::{
+    IsoLevel, IsoOptions, IsoSurface, Shell, ShellOptions, iso_surface, subdivide_for_spheres,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Default thickness of a shell and softness of its field, relative to the mesh's size. A thicker shell or a
-/// softer field closes gaps and rounds edges.
+/// Default distance of the outer surface or thickness of a shell, and softness of its field, relative to the
+/// mesh's size. A thicker shell or a softer field closes gaps and rounds edges.
 const DEFAULT_THICKNESS: f64 = 0.01;
 const DEFAULT_SOFTNESS: f64 = 0.002;
 /// Maximum radius of spherical metaballs relative to the softness of the field. Larger spheres make the
@@ -29,14 +32,30 @@ const MAX_SPHERE_RATIO: f64 = 3.0;
 /// is reported.
 const MAX_FACETS: usize = 400_000;
 
+/// The surface to mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MeshedSurface {
+    /// The paper's shell: a sheet on each side of the mesh.
+    Shell,
+    /// All points at this distance from the mesh that can be reached from outside: one sheet. The default
+    /// distance is a hundredth of the mesh's size.
+    Outer(Option<f64>),
+    /// All points at this signed distance from a closed mesh, negative inside.
+    Offset(f64),
+}
+
+/// Largest fraction of a surface that may be missing without a warning: at corners in narrow places, the
+/// exact surface is cut off by up to a cell.
+const MAX_LOST: f64 = 1e-3;
+
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellMeshJob {
     /// The mesh.
     pub mesh: PathBuf,
-    /// The surface of the shell to mesh.
-    pub level: IsoLevel,
-    /// Shape of the metaballs.
+    /// The surface to mesh.
+    pub surface: MeshedSurface,
+    /// Shape of the metaballs, for [`MeshedSurface::Shell`] as are the next three.
     pub metaball: Metaball,
     /// `d0` of triangular metaballs; a hundredth of the mesh's size if none is given.
     pub thickness: Option<f64>,
@@ -70,10 +89,18 @@ pub struct ShellMeshReport {
     pub watertight: bool,
     /// Whether the mesh is manifold.
     pub manifold: bool,
+    /// Number of pairs of triangles that intersect.
+    pub self_intersections: usize,
+    /// Closed sheets that cannot be reached from outside and were left out of an outer surface.
+    pub enclosed: usize,
+    /// Area of the mesh whose exact surface is missing, relative to all that has one; none for a shell.
+    pub lost_area_fraction: Option<f64>,
+    /// Signed distance of an outer surface or an offset; none for a shell.
+    pub distance: Option<f64>,
     /// Side of a cell.
     pub cell: f64,
-    /// `1/k` of the field.
-    pub softness: f64,
+    /// `1/k` of the field of a shell.
+    pub softness: Option<f64>,
     /// Facets that the field was made of.
     pub facets: usize,
     /// Distance of the middles of facets from the exact surface, rms.
@@ -94,7 +121,7 @@ impl Default for ShellMeshJob {
     fn default() -> Self {
         Self {
             mesh: PathBuf::new(),
-            level: IsoLevel::Shell,
+            surface: MeshedSurface::Outer(None),
             metaball: Metaball::Triangular,
             thickness: None,
             softness: None,
@@ -153,37 +180,35 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             }
         )));
     }
-    // The softness decides how fine facets must be, so it is fixed before they are divided.
     let softness = job.softness.unwrap_or(DEFAULT_SOFTNESS * size);
-    let mut findings = Vec::new();
-    let wrapped = match job.metaball {
-        // Triangular metaballs follow facets of any size; spheres only approximate small ones.
-        Metaball::Triangular => mesh,
-        Metaball::Spherical => {
-            // The sphere of a facet is as large as the facet, so the softness limits its size.
-            let (fine, _) = subdivide_for_spheres(&mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
-            // A warning: the surface is valid, but bumpy.
-            if fine.triangles.len() >= MAX_FACETS {
-                let text = format!(
-                    "{}: {} facets are too few for spherical metaballs of this softness, so the surface is \
-                     bumpy; use a larger softness, or triangular metaballs",
-                    job.mesh.display(),
-                    fine.triangles.len()
-                );
-                findings.push(Finding::new(FindingCode::FacetLimit, text));
-            }
-            fine
+    let (level, distance) = match job.surface {
+        MeshedSurface::Shell => (IsoLevel::Shell, None),
+        MeshedSurface::Outer(distance) => {
+            let distance = distance.unwrap_or(DEFAULT_THICKNESS * size);
+            (IsoLevel::Outer(distance), Some(distance))
         }
+        MeshedSurface::Offset(offset) => (IsoLevel::Offset(offset), Some(offset)),
+    };
+    let mut findings = Vec::new();
+    let wrapped = match (job.surface, job.metaball) {
+        (MeshedSurface::Shell, Metaball::Spherical) => divided(job, &mesh, softness, &mut findings),
+        // Triangular metaballs follow facets of any size, and exact distances need no metaballs.
+        _ => mesh,
     };
     let options = ShellOptions {
         thickness: job.thickness.unwrap_or(DEFAULT_THICKNESS * size),
         threshold: job.threshold,
-        ..ShellOptions::new(job.metaball, 1.0 / softness)
+        ..ShellOptions::new(Metaball::Triangular, 1.0 / softness)
+    };
+    let options = match job.surface {
+        MeshedSurface::Shell => ShellOptions { metaball: job.metaball, ..options },
+        _ => options,
     };
     progress.check("meshing", 0.1)?;
     let made = Shell::new(&wrapped, &options)
-        .and_then(|shell| iso_surface(&shell, &IsoOptions { level: job.level, cell: job.cell }))
+        .and_then(|shell| iso_surface(&shell, &IsoOptions { level, cell: job.cell }))
         .map_err(|e| e.in_context(job.mesh.display()))?;
+    findings.extend(defects(&made));
     progress.check(WRITING_STAGE, 0.9)?;
     // One set of normals for all files, so that they agree.
     let normals = made.mesh.vertex_normals();
@@ -208,8 +233,12 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         // Checked on the result, although the extraction guarantees both.
         watertight: made.check.watertight,
         manifold: made.check.manifold,
+        self_intersections: made.self_intersections,
+        enclosed: made.enclosed,
+        lost_area_fraction: made.lost_area_fraction,
+        distance,
         cell: made.cell,
-        softness,
+        softness: (job.surface == MeshedSurface::Shell).then_some(softness),
         // After the division: these facets form the field and decide time and memory.
         facets: wrapped.triangles.len(),
         deviation_rms: made.deviation_rms,
@@ -218,4 +247,45 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         findings,
         termination: "converged",
     })
+}
+
+/// Findings about what is wrong with a meshed surface.
+fn defects(made: &IsoSurface) -> Vec<Finding> {
+    let mut found = Vec::new();
+    if made.self_intersections > 0 {
+        let pairs = counted(made.self_intersections, "pair");
+        let text = format!("the mesh intersects itself, in {pairs} of triangles: use smaller cells");
+        found.push(Finding::new(FindingCode::SelfCrossing, text));
+    }
+    let lost = made.lost_area_fraction.unwrap_or(0.0);
+    if lost > MAX_LOST {
+        let percent = significant(100.0 * lost, 2);
+        let text = format!(
+            "{percent} % of the surface is missing, where it is thinner than a cell: use smaller cells"
+        );
+        found.push(Finding::new(FindingCode::PartsLost, text));
+    }
+    found
+}
+
+/// The mesh with facets small enough for spherical metaballs of this softness.
+fn divided(
+    job: &ShellMeshJob,
+    mesh: &TriangleMesh,
+    softness: f64,
+    findings: &mut Vec<Finding>,
+) -> TriangleMesh {
+    // The sphere of a facet is as large as the facet, so the softness limits its size.
+    let (fine, _) = subdivide_for_spheres(mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
+    // A warning: the surface is valid, but bumpy.
+    if fine.triangles.len() >= MAX_FACETS {
+        let text = format!(
+            "{}: {} facets are too few for spherical metaballs of this softness, so the surface is bumpy; \
+             use a larger softness, or triangular metaballs",
+            job.mesh.display(),
+            fine.triangles.len()
+        );
+        findings.push(Finding::new(FindingCode::FacetLimit, text));
+    }
+    fine
 }

@@ -137,7 +137,7 @@ fn a_hole_is_filled_with_continued_curvature() {
         patch.tidied = MergePatch::make_manifold(&mesh, &sigma).expect("a patch");
     }
     let set = PatchSet { patches, ..PatchSet::default() };
-    let options = MergeOptions { fill: 1000, curvature: true, ..MergeOptions::default() };
+    let options = MergeOptions { fill: Some(1000), curvature: true, ..MergeOptions::default() };
     let merged = merge(set, &options, &Silent).expect("a merged mesh");
     let report = &merged.report;
     let filled = report.filled.as_ref().expect("lids");

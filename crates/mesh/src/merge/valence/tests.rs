@@ -31,7 +31,7 @@ fn flips_reduce_high_valences_and_keep_the_surface() {
     }
     let before = valences_of(&triangles, sheet.positions.len());
     let area = TriangleMesh::try_new(sheet.positions.clone(), triangles.clone()).unwrap().area();
-    let (flips, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
+    let (flips, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()]);
     let after = valences_of(&triangles, sheet.positions.len());
     assert_eq!(counted, after);
     let mesh = TriangleMesh::try_new(sheet.positions, triangles).unwrap();
@@ -54,8 +54,7 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
     for seed in 0..20 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut triangles = ball.triangles.clone();
-        let all_free = vec![true; ball.positions.len()];
-        let mut net = FlipMesh::new(&ball.positions, &mut triangles, &all_free, 0);
+        let mut net = FlipMesh::new(&ball.positions, &mut triangles);
         for half in 0..net.opposite.len() as u32 {
             let middle = net.positions[net.corner(half) as usize];
             if middle[2].abs() < 0.04
@@ -66,7 +65,7 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
             }
         }
         let seam: Vec<bool> = ball.positions.iter().map(|p| p[2].abs() < 0.04).collect();
-        let (_, valence) = even_out(&ball.positions, &mut triangles, &seam, 3);
+        let (_, valence) = even_out(&ball.positions, &mut triangles, &seam);
         left += valence.iter().zip(&seam).filter(|(n, s)| **s && **n > 6).count();
         vertices += seam.iter().filter(|s| **s).count();
         let check = TriangleMesh::try_new(ball.positions.clone(), triangles).unwrap().check();
