@@ -6,10 +6,9 @@
 
 use planish::Job;
 use planish::progress::Silent;
-use planish::shell::fit::{DeformationKind, ShellFitJob};
+use planish::shell::fit::ShellFitJob;
 use planish::simulate::{ShellSceneOptions, write_shell_scene};
 use planish::{Result, Unit};
-use planish_shell::Metaball;
 use std::path::{Path, PathBuf};
 
 fn main() -> Result<()> {
@@ -32,20 +31,10 @@ fn main() -> Result<()> {
         mesh: folder.join("mesh.obj"),
         points: vec![folder.join("points.ply")],
         silhouettes: Some(folder.join("views.toml")),
-        sequence: None,
-        deformation: DeformationKind::Dirichlet,
         controls: Some(30),
-        controls_file: None,
-        family: Vec::new(),
-        rigid: Vec::new(),
-        blend: None,
-        metaball: Metaball::Triangular,
-        outline_step_px: 5.0,
-        believe_sigma: false,
-        rough_start: false,
         outputs: vec![PathBuf::from("fitted.ply")],
-        report: None,
         unit: Some(Unit::Millimetre),
+        ..ShellFitJob::default()
     };
     let report = job.run(&Silent)?;
     println!(

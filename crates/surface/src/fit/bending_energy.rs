@@ -18,6 +18,12 @@ const STIFFENING: f64 = 100.0;
 /// Modes of a flat face without energy: its position along its normal and its two tilts.
 const FLAT_MODES: usize = 3;
 
+/// Largest factor by which the smoothness weight rises in one iteration; it falls by at most the same factor.
+///
+/// The update holds at a converged surface. Far from it, an unbounded change would flatten the surface, or
+/// let it follow its noise, in a single step.
+const MAX_WEIGHT_CHANGE: f64 = 5.0;
+
 /// The prior's energy at a surface, in its own metric.
 pub(super) struct BendingEnergy {
     /// `K` of one coordinate; the same for each.
@@ -83,6 +89,35 @@ impl BendingEnergy {
             bent if bent > 1.0 => bent / energy,
             _ => weight,
         }
+    }
+}
+
+/// The steps of the smoothness weight, in its logarithm.
+///
+/// The fixed-point iteration of Fellner and Schall overshoots where the energy depends steeply on the weight:
+/// it then alternates around the solution. Each time it turns back, its steps become shorter.
+pub(super) struct WeightSearch {
+    last_step: f64,
+    share: f64,
+}
+
+impl Default for WeightSearch {
+    fn default() -> Self {
+        Self { last_step: 0.0, share: 1.0 }
+    }
+}
+
+impl WeightSearch {
+    const MIN_SHARE: f64 = 0.25;
+
+    /// The next weight, from the present one and that of the fixed-point iteration.
+    pub(super) fn next(&mut self, weight: f64, proposed: f64) -> f64 {
+        let step = (proposed / weight).clamp(1.0 / MAX_WEIGHT_CHANGE, MAX_WEIGHT_CHANGE).ln();
+        if step * self.last_step < 0.0 {
+            self.share = (0.5 * self.share).max(Self::MIN_SHARE);
+        }
+        self.last_step = step;
+        weight * (self.share * step).exp()
     }
 }
 

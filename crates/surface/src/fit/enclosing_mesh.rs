@@ -103,7 +103,7 @@ enum LevelSets {
 /// The level set on one grid, if one has the topology.
 fn steady_level_set(points: &[DVec3], normals: &[DVec3], wanted: Handles, cells: usize) -> Result<LevelSets> {
     let indicator = Indicator::on_grid(points, normals, cells);
-    // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles instead of 1.
+    // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles, not 1.
     let level_set_at = |blur: f64| -> Result<(TriangleMesh, Option<BodiesAndHandles>)> {
         let field = indicator.blurred(blur);
         let mesh = level_set(&field, field.level(points), field.cell())?;

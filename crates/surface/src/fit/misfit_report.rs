@@ -84,8 +84,8 @@ impl MisfitReport {
         };
         let text = format!(
             "the surface does not follow the readings {what} near ({x}, {y}, {z}) {}, of size {}: an edge, a \
-             handle, a thin part, bodies closer to each other than their readings, or a wrong shape; {} % of the surface, rms {} beyond the noise, which σ \
-             includes",
+             handle, a thin part, bodies closer to each other than their readings, or a wrong shape; {} % of \
+             the surface, rms {} beyond the noise, which σ includes",
             lengths.name,
             lengths.text(largest.size),
             significant(100.0 * self.area_fraction, 2),

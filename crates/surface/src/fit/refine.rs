@@ -8,7 +8,7 @@
 //! surface has converged.
 
 use super::FitOptions;
-use super::bending_energy::BendingEnergy;
+use super::bending_energy::{BendingEnergy, WeightSearch};
 use super::division::{Misfit, chance_misfits, deepest, divided_within_budget, growth_log, log_divisions};
 use super::first::ShownShape;
 use super::folds::refuse_folds_at_creases;
@@ -82,11 +82,6 @@ const MAX_CERTAIN_SHARE: f64 = 0.01;
 /// be no flatter, but the information of the readings about its place would be lost in rounding. See
 /// decision 0003.
 const STIFFEST: f64 = 2.0;
-/// Largest factor by which the smoothness weight rises in one iteration; it falls by at most the same factor.
-///
-/// The update holds at a converged surface. Far from it, an unbounded change would flatten the surface, or
-/// let it follow its noise, in a single step.
-const MAX_WEIGHT_CHANGE: f64 = 5.0;
 /// σ of tangential motion, as a share of a leaf's size. It names points of the surface without a measurable
 /// effect on its shape. See decision 0002.
 pub(super) const TANGENTIAL_HOLD: f64 = 0.5;
@@ -540,35 +535,6 @@ fn searching_readings(observations: &Observations, subset: &[u32]) -> Vec<u32> {
     let on: Vec<u32> =
         subset.iter().copied().filter(|&i| observations.readings.on_surface[i as usize]).collect();
     if on.is_empty() { subset.to_vec() } else { on }
-}
-
-/// The steps of the smoothness weight, in its logarithm.
-///
-/// The fixed-point iteration of Fellner and Schall overshoots where the energy depends steeply on the weight:
-/// it then alternates around the solution. Each time it turns back, its steps become shorter.
-struct WeightSearch {
-    last_step: f64,
-    share: f64,
-}
-
-impl Default for WeightSearch {
-    fn default() -> Self {
-        Self { last_step: 0.0, share: 1.0 }
-    }
-}
-
-impl WeightSearch {
-    const MIN_SHARE: f64 = 0.25;
-
-    /// The next weight, from the present one and that of the fixed-point iteration.
-    fn next(&mut self, weight: f64, proposed: f64) -> f64 {
-        let step = (proposed / weight).clamp(1.0 / MAX_WEIGHT_CHANGE, MAX_WEIGHT_CHANGE).ln();
-        if step * self.last_step < 0.0 {
-            self.share = (0.5 * self.share).max(Self::MIN_SHARE);
-        }
-        self.last_step = step;
-        weight * (self.share * step).exp()
-    }
 }
 
 /// How far one iteration moved the surface.

@@ -460,8 +460,8 @@ fn reason(shape: Option<Shape>, enclosed: Option<EnclosedTopology>, several_scan
             )
         }
         _ => format!(
-            "there is an edge, a hole, a thin part, a narrow gap between bodies or another feature that a smooth \
-             {noun} of this resolution does not have{}{}",
+            "there is an edge, a hole, a thin part, a narrow gap between bodies or another feature that a \
+             smooth {noun} of this resolution does not have{}{}",
             shape.map_or_else(String::new, |_| format!(", or it is no {noun}")),
             if several_scans { ", or scans are displaced against each other (align them)" } else { "" }
         ),

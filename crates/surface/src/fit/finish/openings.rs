@@ -130,8 +130,8 @@ pub(super) fn closed_openings(
     };
     let text = format!(
         "{} % of the surface was closed without readings, {places}: its shape there \
-         follows from the smoothness prior alone, and σ allows for edges{isolated}; specify \"never\" to leave \
-         it open",
+         follows from the smoothness prior alone, and σ allows for edges{isolated}; specify \"never\" to \
+         leave it open",
         significant(100.0 * all, 2)
     );
     Some(Finding::new(FindingCode::OpeningsClosed, text).with_setting(Setting::Close))
