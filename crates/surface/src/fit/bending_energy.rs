@@ -78,10 +78,10 @@ impl BendingEnergy {
     /// xᵀKx` (Wood & Fasiolo 2017).
     ///
     /// Every smooth shape counts as one such mode. A flat sheet has three, which matters with a handful of
-    /// readings only (decision 0003). With creases, each face may be flat, and leaves that are left out of the
-    /// energy have at least a degree each. If no more than these are determined, nothing shows how smooth the
-    /// rest is, and the weight stays: without this, it grew beyond all bounds where faces are flat and folds
-    /// hold all degrees (decision 0132).
+    /// readings only (decision 0003). With creases, each face may be flat, and leaves that are left out of
+    /// the energy have at least a degree each. If no more than these are determined, nothing shows how smooth
+    /// the rest is, and the weight stays: without this, it grew beyond all bounds where faces are flat and
+    /// folds hold all degrees (decision 0132).
     pub(super) fn next_weight(&self, weight: f64, degrees: f64) -> f64 {
         let energy = self.total.max(f64::MIN_POSITIVE);
         let Some(faces) = self.faces else { return (degrees - 1.0).max(1.0) / energy };
