@@ -104,8 +104,8 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
 fn smooth_edges([shown, followed]: [f64; 2], unit: Unit) -> Option<Finding> {
     let left = shown - followed;
     let text = format!(
-        "the readings show sharp edges of length {} {unit}; {} {unit} of them are smooth on the surface, which \
-         is rounded there over the width of a cell: most of it is marked `observed` = 3",
+        "the readings show sharp edges of length {} {unit}; {} {unit} of them are smooth on the surface, \
+         which is rounded there over the width of a cell: most of it is marked `observed` = 3",
         significant(shown, 3),
         significant(left, 2)
     );
