@@ -4,6 +4,8 @@
 //! Cost: almost constant for each step (R. Tarjan, *Efficiency of a good but not linear set union algorithm*,
 //! 1975, with path halving).
 
+use std::collections::BTreeMap;
+
 /// Disjoint sets of numbers; the root of a set is its smallest member.
 ///
 /// # Examples
@@ -16,6 +18,38 @@
 #[derive(Debug, Clone)]
 pub struct DisjointSets {
     parent: Vec<u32>,
+}
+
+/// The connected groups of marked numbers, by smallest member; each in ascending order.
+///
+/// `neighbours` of a number may contain numbers that are not marked.
+///
+/// # Panics
+/// If a neighbour is not below the count.
+///
+/// # Examples
+/// ```
+/// // A row of five, of which the third is not marked.
+/// let beside = |n: usize| [n.saturating_sub(1), (n + 1).min(4)];
+/// let groups = planish_core::connected_groups(&[true, true, false, true, true], beside);
+/// assert_eq!(groups, [[0, 1], [3, 4]]);
+/// ```
+#[must_use]
+pub fn connected_groups<N: IntoIterator<Item = usize>>(
+    marked: &[bool],
+    neighbours: impl Fn(usize) -> N,
+) -> Vec<Vec<usize>> {
+    let all_marked = || (0..marked.len()).filter(|&n| marked[n]);
+    let mut sets = DisjointSets::new(marked.len());
+    for n in all_marked() {
+        for other in neighbours(n).into_iter().filter(|&other| marked[other]) {
+            sets.join(n as u32, other as u32);
+        }
+    }
+    let roots = sets.into_roots();
+    let mut groups: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    all_marked().for_each(|n| groups.entry(roots[n]).or_default().push(n));
+    groups.into_values().collect()
 }
 
 impl DisjointSets {

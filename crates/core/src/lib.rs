@@ -57,7 +57,7 @@ mod unit;
 
 pub use bounding_box::{BoundingBox, Coordinates};
 pub use budget::Budget;
-pub use disjoint_sets::DisjointSets;
+pub use disjoint_sets::{DisjointSets, connected_groups};
 pub use error::{Error, ErrorKind, Result};
 pub use finding::{Finding, FindingCode, FindingLevel};
 pub use glam::{DVec3, Vec3};

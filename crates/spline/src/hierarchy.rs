@@ -13,6 +13,7 @@
 //! Giannelli, Jüttler, Speleers, *THB-splines: the truncated basis for hierarchical splines*, CAGD 2012.
 //! Toshniwal, Speleers, Hiemstra, Hughes, *Multi-degree smooth polar splines*, CMAME 2017 (poles).
 
+mod cell_tree;
 mod extraction;
 mod grading;
 mod layout;
@@ -23,6 +24,7 @@ mod shape;
 mod unknowns;
 
 use crate::basis::cubic_half;
+use cell_tree::CellTree;
 use extraction::SparseExtraction;
 use grading::close;
 use layout::{FoundLeaves, Layout, Walk};
@@ -54,13 +56,16 @@ impl Cell {
     pub fn side(self) -> f64 {
         1.0 / (1_u64 << self.level) as f64
     }
+
+    /// The cell of which this is a quarter; none for a cell of the base grid.
+    fn parent(self) -> Option<Self> {
+        Some(Self { level: self.level.checked_sub(1)?, i: self.i / 2, j: self.j / 2 })
+    }
 }
 
 /// Maximum level. With base grids of at most 2^14 cells, or 2^17 quads, cell numbers of one direction stay
 /// below 2^29.
 pub const MAX_LEVEL: usize = 12;
-
-const NOT_A_LEAF: u32 = u32::MAX;
 
 /// How the cells of the base are joined.
 #[derive(Debug, Clone)]
@@ -76,10 +81,7 @@ enum Topology {
 pub struct Hierarchy {
     topology: Topology,
     base: [usize; 2],
-    /// For each level, by cell (row-major): true if the cell exists and is split.
-    split: Vec<Vec<bool>>,
-    /// For each level, by cell: the number of the leaf, or `NOT_A_LEAF`.
-    leaf_number: Vec<Vec<u32>>,
+    cells: CellTree,
     leaves: Vec<Cell>,
     /// Level, column and row of each function of the tube (before poles are extracted).
     functions: Vec<Cell>,
@@ -123,8 +125,7 @@ impl Hierarchy {
                 )));
             }
         }
-        let split = vec![vec![false; base[0] * base[1]]];
-        Ok(Self::build(shape, base, split))
+        Ok(Self::build(shape, base, CellTree::new(base)))
     }
 
     /// The hierarchy whose leaves are exactly the given cells.
@@ -142,29 +143,21 @@ impl Hierarchy {
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
     pub fn from_leaves(shape: Shape, base: [usize; 2], leaves: &[Cell]) -> Result<Self> {
-        let mut hierarchy = Self::uniform(shape, base)?;
-        let mut split = std::mem::take(&mut hierarchy.split);
+        let mut split = Self::uniform(shape, base)?.cells;
         for &cell in leaves {
-            let [n, m] = grid(base, usize::from(cell.level).min(MAX_LEVEL));
-            if usize::from(cell.level) > MAX_LEVEL || cell.i as usize >= n || cell.j as usize >= m {
+            if usize::from(cell.level) > MAX_LEVEL || !split.is_inside(cell) {
                 return Err(Error::input(format!("cell {cell:?} lies outside the base grid {base:?}")));
             }
-            let (mut i, mut j) = (cell.i as usize, cell.j as usize);
-            for level in (0..usize::from(cell.level)).rev() {
-                // A leaf requires that all its ancestors are split, and only these.
-                (i, j) = (i / 2, j / 2);
-                while split.len() <= level {
-                    split.push(vec![false; grid(base, split.len()).iter().product()]);
-                }
-                let columns = grid(base, level)[0];
-                split[level][j * columns + i] = true;
+            // A leaf requires that all its ancestors are split, and only these.
+            if let Some(parent) = cell.parent() {
+                split.split(parent);
             }
         }
         // The given cells must satisfy grading already. If `close` had to split more, the leaves would not be
         // those given.
-        let before = split.clone();
-        close(shape, base, &mut split, usize::MAX);
-        if before.iter().flatten().filter(|&&s| s).count() != split.iter().flatten().filter(|&&s| s).count() {
+        let before = split.split_count();
+        close(shape, base, &mut split);
+        if before != split.split_count() {
             return Err(Error::input("the cells break the grading rule of the hierarchy"));
         }
         let built = Self::build(shape, base, split);
@@ -215,23 +208,28 @@ impl Hierarchy {
     }
 
     /// The split cells after splitting the marked leaves.
-    fn split_with(&self, marked: &[usize]) -> Vec<Vec<bool>> {
-        let mut split = self.split.clone();
+    fn split_with(&self, marked: &[usize]) -> CellTree {
+        let mut split = self.cells.clone();
         for &leaf in marked {
             let cell = self.cell_of_leaf(leaf);
-            let level = usize::from(cell.level);
             // Not an error: refinement by a criterion marks the same cell again in every round.
-            if level >= MAX_LEVEL {
-                continue;
+            if usize::from(cell.level) < self.max_cell_level() {
+                split.split(cell);
             }
-            let columns = grid(self.base, level)[0];
-            split[level][cell.j as usize * columns + cell.i as usize] = true;
         }
         match &self.topology {
-            Topology::Grid(shape) => close(*shape, self.base, &mut split, MAX_LEVEL),
-            Topology::Quads(over) => quads::close(&over.domain, &mut split, MAX_LEVEL - 2),
+            Topology::Grid(shape) => close(*shape, self.base, &mut split),
+            Topology::Quads(over) => quads::close(&over.domain, &mut split),
         }
         split
+    }
+
+    /// The level from which on cells are not split. Leaves at extraordinary vertices are finer than cells.
+    fn max_cell_level(&self) -> usize {
+        match &self.topology {
+            Topology::Grid(_) => MAX_LEVEL,
+            Topology::Quads(_) => MAX_LEVEL - quads::PIECE_LEVELS as usize,
+        }
     }
 
     /// The cell whose functions a leaf has: itself, except at extraordinary vertices, where a cell has
@@ -239,7 +237,7 @@ impl Hierarchy {
     #[must_use]
     pub fn cell_of_leaf(&self, leaf: usize) -> Cell {
         let own = self.leaves[leaf];
-        self.quads().and_then(|over| over.cell_of_piece(own)).unwrap_or(own)
+        self.cell_of_piece(own).unwrap_or(own)
     }
 
     /// The hierarchy with every leaf split.
@@ -297,11 +295,10 @@ impl Hierarchy {
     /// The hierarchy without splits.
     #[must_use]
     pub fn unrefined(&self) -> Self {
-        let split = vec![vec![false; self.base[0] * self.base[1]]];
-        self.with_split(split)
+        self.with_split(CellTree::new(self.base))
     }
 
-    fn with_split(&self, split: Vec<Vec<bool>>) -> Self {
+    fn with_split(&self, split: CellTree) -> Self {
         match &self.topology {
             Topology::Grid(shape) => Self::build(*shape, self.base, split),
             Topology::Quads(over) => Self::build_over(Arc::clone(&over.domain), split),
@@ -310,11 +307,9 @@ impl Hierarchy {
 
     /// A cell that is split in another hierarchy over the same base, but not in this one.
     pub(crate) fn coarser_than(&self, other: &Self) -> Option<Cell> {
-        (0..).zip(&other.split).find_map(|(level, split)| {
-            let own = self.split.get(level);
-            let columns = grid(self.base, level)[0];
-            let k = (0..split.len()).find(|&k| split[k] && !own.is_some_and(|own| own[k]))?;
-            Some(Cell { level: level as u8, i: (k % columns) as u32, j: (k / columns) as u32 })
+        (0..other.cells.levels()).find_map(|level| {
+            let split = other.cells.split_cells(level).iter().copied();
+            split.filter(|&cell| !self.cells.is_split(cell)).min()
         })
     }
 
@@ -497,9 +492,9 @@ impl Hierarchy {
         }
     }
 
-    fn build(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
+    fn build(shape: Shape, base: [usize; 2], split: CellTree) -> Self {
         let layout = Layout::new(shape, base, split);
-        let pole_of_function = layout.hierarchy.pole_expansion(&layout.active);
+        let pole_of_function = layout.hierarchy.pole_expansion(&layout.functions);
         // Descend the tree with the coefficients of all functions that are not yet zero, truncated at each
         // level. Rows of base cells are independent, so they run in parallel and are joined in order.
         let rows: Vec<FoundLeaves> = (0..base[1] as u32)
@@ -519,9 +514,7 @@ impl Hierarchy {
         let mut hierarchy = layout.hierarchy;
         for found in rows {
             for (cell, count) in found.cells.iter().zip(&found.counts) {
-                let columns = grid(base, usize::from(cell.level))[0];
-                hierarchy.leaf_number[usize::from(cell.level)][cell.j as usize * columns + cell.i as usize] =
-                    hierarchy.leaves.len() as u32;
+                hierarchy.cells.number(*cell, hierarchy.leaves.len() as u32, false);
                 hierarchy.leaves.push(*cell);
                 hierarchy.offsets.push(hierarchy.offsets[hierarchy.offsets.len() - 1] + count);
             }
@@ -529,15 +522,6 @@ impl Hierarchy {
             hierarchy.weights.extend(found.weights);
         }
         hierarchy
-    }
-
-    /// Number of functions in each direction at a level.
-    fn function_grid(&self, level: usize) -> [usize; 2] {
-        let [columns, rows] = grid(self.base, level);
-        [
-            if self.periodic_u() { columns } else { columns + 3 },
-            if self.periodic_v() { rows } else { rows + 3 },
-        ]
     }
 }
 

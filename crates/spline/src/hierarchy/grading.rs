@@ -1,67 +1,41 @@
 //! Rules for split cells: nesting, grading and poles.
 //!
-//! Input: split cells per level. Output: the smallest superset that satisfies all rules. Not guaranteed: few
-//! additional cells; a single fine cell can require many coarse ones.
+//! Input: split cells. Output: the smallest superset that satisfies all rules. Not guaranteed: few additional
+//! cells; a single fine cell can require many coarse ones.
 
-use super::{MAX_LEVEL, Shape, grid};
+use super::cell_tree::CellTree;
+use super::{Cell, Shape, grid};
 
 /// Splits further cells until all rules of nesting and grading are satisfied.
-pub(super) fn close(shape: Shape, base: [usize; 2], split: &mut Vec<Vec<bool>>, max_level: usize) {
-    // Requirements propagate from fine to coarse levels, so one sweep is sufficient for grading. Poles can
-    // then require further splits, hence the loop.
-    loop {
-        let mut changed = false;
-        for level in (0..split.len()).rev() {
-            let [columns, rows] = grid(base, level);
-            if shape.polar() {
-                for pair in [[0, 1], [rows - 1, rows - 2]] {
-                    let any =
-                        pair.iter().any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
-                    if any {
-                        for j in pair {
-                            for s in &mut split[level][j * columns..(j + 1) * columns] {
-                                changed |= !*s;
-                                *s = true;
-                            }
-                        }
-                    }
+pub(super) fn close(shape: Shape, base: [usize; 2], split: &mut CellTree) {
+    split.close(|cell, also| {
+        if shape.polar() {
+            // The two rings of cells at a pole are split together.
+            let [columns, rows] = grid(base, usize::from(cell.level)).map(|n| n as u32);
+            let pair = [[0, 1], [rows - 1, rows - 2]].into_iter().find(|pair| pair.contains(&cell.j));
+            // Once around is sufficient: from the first cell of each ring.
+            let ring = |j| (0..columns).map(move |i| Cell { i, j, ..cell });
+            match pair {
+                Some(pair) if cell.i == 0 && cell.j == pair[0] => {
+                    also.extend(pair.into_iter().flat_map(ring))
                 }
+                Some(pair) => also.push(Cell { i: 0, j: pair[0], ..cell }),
+                None => {}
             }
-            if level == 0 {
-                continue;
-            }
-            // A split cell requires its parent and the eight neighbours of the parent to be split.
-            let [parent_columns, parent_rows] = grid(base, level - 1);
-            for j in 0..rows {
-                for i in 0..columns {
-                    if !split[level][j * columns + i] {
-                        continue;
-                    }
-                    for dj in -1..=1_i64 {
-                        for di in -1..=1_i64 {
-                            let ci = neighbour(i / 2, di, parent_columns, shape.periodic_u());
-                            let cj = neighbour(j / 2, dj, parent_rows, shape.periodic_v());
-                            if let (Some(ci), Some(cj)) = (ci, cj) {
-                                let s = &mut split[level - 1][cj * parent_columns + ci];
-                                changed |= !*s;
-                                *s = true;
-                            }
-                        }
-                    }
+        }
+        let Some(level) = cell.level.checked_sub(1) else { return };
+        // A split cell requires its parent and the eight neighbours of the parent to be split.
+        let [columns, rows] = grid(base, level.into());
+        for dj in -1..=1 {
+            for di in -1..=1 {
+                let i = neighbour(cell.i as usize / 2, di, columns, shape.periodic_u());
+                let j = neighbour(cell.j as usize / 2, dj, rows, shape.periodic_v());
+                if let (Some(i), Some(j)) = (i, j) {
+                    also.push(Cell { level, i: i as u32, j: j as u32 });
                 }
             }
         }
-        // Cells split at the last level need a level for their children.
-        if split.last().is_some_and(|level| level.iter().any(|&s| s))
-            && split.len() <= max_level.min(MAX_LEVEL)
-        {
-            let level = split.len();
-            split.push(vec![false; grid(base, level).iter().product()]);
-        }
-        if !changed {
-            break;
-        }
-    }
+    });
 }
 
 fn neighbour(c: usize, d: i64, cells: usize, periodic: bool) -> Option<usize> {

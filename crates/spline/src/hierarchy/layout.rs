@@ -2,34 +2,29 @@
 //!
 //! Input: split cells. Output: numbered functions and nodes, and for every leaf its nodes with weights.
 
-use super::{Cell, Hierarchy, NOT_A_LEAF, Shape, Topology, grid, quarter, support_cell};
+use super::cell_tree::{CellTree, children};
+use super::quads::NumberMap;
+use super::{Cell, Hierarchy, Shape, Topology, grid, quarter, support_cell};
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
 /// A hierarchy with numbered nodes but without leaves.
 pub(super) struct Layout {
     pub(super) hierarchy: Hierarchy,
-    /// For each level, by function: its number, or `NOT_A_LEAF` if it is not active.
-    pub(super) active: Vec<Vec<u32>>,
-    /// For each level, by function: true if its support consists of existing cells of that level.
-    pub(super) inside: Vec<Vec<bool>>,
+    pub(super) functions: Functions,
 }
+
+/// The functions whose support consists of existing cells of their level, by level, row and column: the
+/// number, or none if all these cells are split, so that functions of the next level replace it.
+pub(super) type Functions = NumberMap<Cell, Option<u32>>;
 
 impl Hierarchy {
     /// A hierarchy with these split cells, without functions and leaves.
-    pub(super) fn empty(topology: Topology, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
-        // Exactly one level without split cells follows the last split one, so equal cells give equal
-        // hierarchies.
-        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
-            split.pop();
-        }
-        if split[split.len() - 1].iter().any(|&s| s) {
-            split.push(vec![false; grid(base, split.len()).iter().product()]);
-        }
+    pub(super) fn empty(topology: Topology, base: [usize; 2], cells: CellTree) -> Self {
         Self {
             topology,
             base,
-            leaf_number: split.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
+            cells,
             leaves: Vec::new(),
             functions: Vec::new(),
             node_anchors: Vec::new(),
@@ -39,61 +34,60 @@ impl Hierarchy {
             sparse: OnceLock::new(),
             poles: Vec::new(),
             node_of_function: Vec::new(),
-            split,
         }
     }
 }
 
 impl Layout {
-    pub(super) fn new(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
+    pub(super) fn new(shape: Shape, base: [usize; 2], split: CellTree) -> Self {
         let mut hierarchy = Hierarchy::empty(Topology::Grid(shape), base, split);
-        let split = &hierarchy.split;
-        let levels = split.len();
-        // A cell exists if its parent is split.
-        let exists: Vec<Vec<bool>> = (0..levels)
-            .map(|level| {
-                let [columns, rows] = grid(base, level);
-                (0..columns * rows)
-                    .map(|index| {
-                        level == 0
-                            || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
-                    })
-                    .collect()
-            })
-            .collect();
-        let mut active: Vec<Vec<u32>> = Vec::with_capacity(levels);
-        let mut inside: Vec<Vec<bool>> = Vec::with_capacity(levels);
-        for level in 0..levels {
+        let mut functions = Functions::default();
+        for level in 0..hierarchy.cells.levels() {
             let [columns, rows] = grid(base, level);
-            let [fu, fv] = hierarchy.function_grid(level);
-            let mut number = vec![NOT_A_LEAF; fu * fv];
-            let mut in_level = vec![false; fu * fv];
-            let supports = |count: usize, cells: usize, periodic: bool| -> Vec<Vec<usize>> {
-                let cells_of = |f| (0..4).filter_map(move |d| support_cell(f, d, cells, periodic)).collect();
-                (0..count).map(cells_of).collect()
-            };
-            let (across, along) =
-                (supports(fu, columns, shape.periodic_u()), supports(fv, rows, shape.periodic_v()));
-            for j in 0..fv {
-                for i in 0..fu {
-                    let mut cells =
-                        along[j].iter().flat_map(|cj| across[i].iter().map(move |ci| cj * columns + ci));
-                    if !cells.clone().all(|cell| exists[level][cell]) {
-                        continue;
-                    }
-                    in_level[j * fu + i] = true;
-                    // A function whose cells are all split is replaced by functions of the next level.
-                    if !cells.all(|cell| hierarchy.split[level][cell]) {
-                        number[j * fu + i] = hierarchy.functions.len() as u32;
-                        hierarchy.functions.push(Cell { level: level as u8, i: i as u32, j: j as u32 });
-                    }
+            let cells = hierarchy.cells.cells(level).into_iter();
+            // Each function belongs to the first cell of its support, so each is found once.
+            let mut candidates: Vec<[u32; 2]> = cells
+                .flat_map(|cell| {
+                    let across = first_on(cell.i, columns, shape.periodic_u());
+                    let along = first_on(cell.j, rows, shape.periodic_v());
+                    along.flat_map(move |j| across.clone().map(move |i| [j, i]))
+                })
+                .collect();
+            candidates.sort_unstable();
+            for [j, i] in candidates {
+                let function = Cell { level: level as u8, i, j };
+                let cells_of = |f: u32, cells: usize, periodic: bool| {
+                    (0..4).filter_map(move |d| support_cell(f as usize, d, cells, periodic))
+                };
+                let support = || {
+                    cells_of(j, rows, shape.periodic_v()).flat_map(|j| {
+                        let row = cells_of(i, columns, shape.periodic_u());
+                        row.map(move |i| Cell { i: i as u32, j: j as u32, ..function })
+                    })
+                };
+                if !support().all(|cell| hierarchy.cells.contains(cell)) {
+                    continue;
                 }
+                let is_active = !support().all(|cell| hierarchy.cells.is_split(cell));
+                let number = is_active.then_some(hierarchy.functions.len() as u32);
+                functions.insert(function, number);
+                hierarchy.functions.extend(is_active.then_some(function));
             }
-            active.push(number);
-            inside.push(in_level);
         }
-        hierarchy.number_nodes(&exists);
-        Self { hierarchy, active, inside }
+        hierarchy.number_nodes();
+        Self { hierarchy, functions }
+    }
+}
+
+/// The functions of one direction whose support begins with a cell.
+fn first_on(cell: u32, cells: usize, periodic: bool) -> std::ops::RangeInclusive<u32> {
+    match cell {
+        _ if periodic => {
+            let function = (cell + 3) % cells as u32;
+            function..=function
+        }
+        0 => 0..=3,
+        _ => cell + 3..=cell + 3,
     }
 }
 
@@ -120,43 +114,35 @@ impl Walk<'_> {
     /// Descends from a cell. `list` holds functions of coarser levels with their coefficients on this cell,
     /// not yet truncated at this level.
     pub(super) fn descend(&mut self, cell: Cell, mut list: Coefficients) {
-        let level = usize::from(cell.level);
         let hierarchy = &self.layout.hierarchy;
-        let [fu, _] = hierarchy.function_grid(level);
-        let mut own = [NOT_A_LEAF; 16];
+        let mut own = [None; 16];
         for k in 0..16 {
-            let f = hierarchy.function_on_cell(cell, k);
-            let index = f.j as usize * fu + f.i as usize;
             // Truncation: functions of this level, active or split further, take over this coefficient from
             // coarser ones. Without it the functions would not sum to one.
-            if self.layout.inside[level][index] {
+            if let Some(&active) = self.layout.functions.get(&hierarchy.function_on_cell(cell, k)) {
                 for (_, w) in &mut list {
                     w[k] = 0.0;
                 }
+                own[k] = active;
             }
-            own[k] = self.layout.active[level][index];
         }
         // Truncation often removes a function completely; dropping it keeps lists short.
         list.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
-        for (k, &function) in own.iter().enumerate() {
-            if function != NOT_A_LEAF {
+        for (k, function) in own.into_iter().enumerate() {
+            if let Some(function) = function {
                 let mut w = [0.0; 16];
                 w[k] = 1.0;
                 list.push((function, w));
             }
         }
-        let columns = grid(hierarchy.base, level)[0];
-        if !hierarchy.split[level][cell.j as usize * columns + cell.i as usize] {
+        if !hierarchy.cells.is_split(cell) {
             self.found_leaf(cell, &list);
             return;
         }
-        for half_v in 0..2 {
-            for half_u in 0..2 {
-                let child = Cell { level: cell.level + 1, i: 2 * cell.i + half_u, j: 2 * cell.j + half_v };
-                let halves =
-                    list.iter().map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize))).collect();
-                self.descend(child, halves);
-            }
+        for child in children(cell) {
+            let [half_u, half_v] = [child.i, child.j].map(|x| x as usize % 2);
+            let halves = list.iter().map(|(f, w)| (*f, quarter(w, half_u, half_v))).collect();
+            self.descend(child, halves);
         }
     }
 

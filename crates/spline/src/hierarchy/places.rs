@@ -3,7 +3,9 @@
 //! Over quads, `u` is the number of the quad plus the place along its first side. A step across an edge
 //! continues in the frame of the next quad.
 
-use super::{Cell, Hierarchy, NOT_A_LEAF, Topology, grid};
+use super::cell_tree::Unsplit;
+use super::quads::PIECE_LEVELS;
+use super::{Cell, Hierarchy, Topology, grid};
 use crate::quad_domain::{Level, PIECES, from_edge, to_edge};
 
 /// Maximum number of edges that a step crosses.
@@ -38,37 +40,14 @@ impl Hierarchy {
     #[inline]
     #[must_use]
     pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
-        let [u, v] = self.wrap(u, v);
-        self.cell_at(0, u, v).unwrap_or_else(|| self.locate_below(u, v))
-    }
-
-    /// The leaf that contains `(u, v)`, below the base grid or at an extraordinary vertex. Kept out of line,
-    /// so that the common case of a base cell stays small.
-    #[inline(never)]
-    fn locate_below(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
-        let mut level = 0;
-        loop {
-            if let Some(found) = self.cell_at(level, u, v).or_else(|| self.piece_at(level, u, v)) {
-                return found;
+        let (cell, local) = self.cells.at(self.wrap(u, v));
+        match cell {
+            Unsplit::Leaf(leaf) => (leaf, local),
+            Unsplit::Pieces(first) => {
+                let [x, y] = local.map(|x| x * PIECES as f64);
+                let [column, row] = [x, y].map(|x| (x as usize).min(PIECES - 1));
+                (first + row * PIECES + column, [x - column as f64, y - row as f64])
             }
-            level += 1;
-        }
-    }
-
-    /// The leaf of a level that contains `(u, v)`, and the local coordinates in it; `None` if the cell of
-    /// that level is not a leaf.
-    #[inline(always)]
-    fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
-        // A table per level instead of a tree of pointers: most points lie in cells of few levels, and a step
-        // is one look-up.
-        let [columns, rows] = grid(self.base, level);
-        let scale = (1_u64 << level) as f64;
-        // The upper end of the domain belongs to the last cell.
-        let i = ((u * scale) as usize).min(columns - 1);
-        let j = ((v * scale) as usize).min(rows - 1);
-        match self.leaf_number[level][j * columns + i] {
-            NOT_A_LEAF => None,
-            leaf => Some((leaf as usize, [u * scale - i as f64, v * scale - j as f64])),
         }
     }
 
@@ -108,37 +87,21 @@ impl Hierarchy {
     /// The leaf that equals or contains a cell; `None` if the cell is split.
     #[must_use]
     pub fn leaf_over(&self, cell: Cell) -> Option<usize> {
-        if let Some(piece) = self.quads().and_then(|over| over.piece_over(cell)) {
-            return Some(piece);
-        }
-        for level in (0..=usize::from(cell.level)).rev() {
-            if level >= self.leaf_number.len() {
-                continue;
-            }
-            // From fine to coarse: a leaf of this level or the first one above it.
-            let shift = usize::from(cell.level) - level;
-            let (i, j) = (cell.i as usize >> shift, cell.j as usize >> shift);
-            let columns = grid(self.base, level)[0];
-            let leaf = self.leaf_number[level][j * columns + i];
-            if leaf != NOT_A_LEAF {
-                return Some(leaf as usize);
+        let (own, unsplit) = self.cells.over(cell);
+        match unsplit? {
+            Unsplit::Leaf(leaf) => Some(leaf),
+            Unsplit::Pieces(first) => {
+                let finer = (cell.level - own.level).checked_sub(PIECE_LEVELS)?;
+                let [column, row] = [cell.i, cell.j].map(|x| (x >> finer) as usize % PIECES);
+                Some(first + row * PIECES + column)
             }
         }
-        None
     }
 
-    /// The leaf of a level at an extraordinary vertex that contains `(u, v)`, and the local coordinates
-    /// there.
-    pub(super) fn piece_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
-        let scale = (1_u64 << level) as f64;
-        let [columns, rows] = grid(self.base, level);
-        let i = ((u * scale) as usize).min(columns - 1);
-        let j = ((v * scale) as usize).min(rows - 1);
-        let cell = Cell { level: level as u8, i: i as u32, j: j as u32 };
-        let [x, y] = [u * scale - i as f64, v * scale - j as f64].map(|x| x * PIECES as f64);
-        let [column, row] = [x, y].map(|x| (x as usize).min(PIECES - 1));
-        let leaf = self.quads()?.piece(cell, [column, row])?;
-        Some((leaf, [x - column as f64, y - row as f64]))
+    /// The unsplit cell at an extraordinary vertex that contains a leaf.
+    pub(super) fn cell_of_piece(&self, leaf: Cell) -> Option<Cell> {
+        let (own, unsplit) = self.cells.over(leaf);
+        matches!(unsplit, Some(Unsplit::Pieces(_))).then_some(own)
     }
 
     /// Parameters after a step, across edges of quads too. Steps end at borders.

@@ -6,6 +6,7 @@
 //! # References
 //! Toshniwal, Speleers, Hiemstra, Hughes, *Multi-degree smooth polar splines*, CMAME 2017.
 
+use super::layout::Functions;
 use super::{Cell, Hierarchy, grid};
 use std::collections::HashMap;
 
@@ -43,17 +44,16 @@ impl Hierarchy {
 
     /// Numbers the nodes: functions in their order, without two rings at each pole. These are replaced by
     /// three pole nodes at the end.
-    pub(super) fn number_nodes(&mut self, exists: &[Vec<bool>]) {
+    pub(super) fn number_nodes(&mut self) {
         let mut replaced = vec![false; self.functions.len()];
         if self.polar() {
             for at_top in [false, true] {
-                let level = (0..exists.len())
-                    .rev()
-                    .find(|&level| {
-                        let [columns, rows] = grid(self.base, level);
-                        exists[level][if at_top { (rows - 1) * columns } else { 0 }]
-                    })
-                    .unwrap_or(0);
+                let at_pole = |level: usize| {
+                    let last_row = grid(self.base, level)[1] as u32 - 1;
+                    Cell { level: level as u8, i: 0, j: if at_top { last_row } else { 0 } }
+                };
+                let mut levels = (0..self.cells.levels()).rev();
+                let level = levels.find(|&level| self.cells.contains(at_pole(level))).unwrap_or(0);
                 let (mut cosine, mut sine) = (Vec::new(), Vec::new());
                 let n = self.base[0];
                 for i in 0..n {
@@ -111,15 +111,13 @@ impl Hierarchy {
     /// With clamped coefficients β0, β1, β2 of a meridian, the uniform ones are `c2 = β2`,
     /// `c1 = 1.5 β1 − 0.5 β2`, `c0 = 6 β0 − 6 β1 + β2` (blossoming); β0 is the pole, β1 the ring that spans
     /// its tangent plane.
-    pub(super) fn pole_expansion(&self, active: &[Vec<u32>]) -> HashMap<u32, Vec<(u32, f64)>> {
+    pub(super) fn pole_expansion(&self, functions: &Functions) -> HashMap<u32, Vec<(u32, f64)>> {
         let mut expansion = HashMap::new();
         for pole in &self.poles {
             let [columns, _] = grid(self.base, pole.level);
-            let [fu, _] = self.function_grid(pole.level);
             for i in 0..columns {
                 let at = |r: usize| {
-                    let f = self.ring_function(pole, r, i);
-                    active[pole.level][f.j as usize * fu + f.i as usize]
+                    functions[&self.ring_function(pole, r, i)].expect("functions at a pole are active")
                 };
                 let outer = self.node_of_function[at(2) as usize]
                     .expect("the third ring is not replaced by pole nodes");

@@ -10,7 +10,8 @@
 //! vertex are split together. Where they are, the surface changes slightly, since the finer space does not
 //! contain the coarser one there.
 
-use super::{Cell, CreaseNode, Hierarchy, MAX_LEVEL, Topology, grid, places::in_quad};
+use super::cell_tree::{CellTree, children};
+use super::{Cell, CreaseNode, Hierarchy, MAX_LEVEL, Topology, places::in_quad};
 use crate::quad_domain::{
     Level, LevelCell, Neighbourhood, PIECES, QuadDomain, Weighted, leaf_weights, to_edge,
 };
@@ -21,7 +22,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 /// Levels between a cell at an extraordinary vertex and its leaves.
-const PIECE_LEVELS: u8 = PIECES.trailing_zeros() as u8;
+pub(super) const PIECE_LEVELS: u8 = PIECES.trailing_zeros() as u8;
 
 /// Quads that one thread finds the leaves of at a time. The numbers do not depend on it.
 const QUADS_PER_WALK: usize = 32;
@@ -30,7 +31,7 @@ const QUADS_PER_WALK: usize = 32;
 pub(crate) type Combination = Vec<(u32, f64)>;
 
 /// A map from numbers or cells, which come from no one who could choose them to collide.
-type NumberMap<K, V> = HashMap<K, V, BuildHasherDefault<NumberHasher>>;
+pub(super) type NumberMap<K, V> = HashMap<K, V, BuildHasherDefault<NumberHasher>>;
 
 /// Hashes a few numbers.
 #[derive(Debug, Default)]
@@ -70,8 +71,6 @@ pub(super) type LevelNodes = NumberMap<usize, u32>;
 #[derive(Debug, Clone)]
 pub(super) struct OverQuads {
     pub(super) domain: Arc<QuadDomain>,
-    /// For each cell at an extraordinary vertex that is not split, the first of its leaves.
-    pub(super) first_piece: NumberMap<Cell, u32>,
     /// For each level, the nodes of its vertices.
     nodes: Vec<LevelNodes>,
     /// The nodes on creases, in ascending order, and the node of each further unknown.
@@ -83,7 +82,6 @@ impl OverQuads {
     fn new(domain: &Arc<QuadDomain>) -> Self {
         Self {
             domain: Arc::clone(domain),
-            first_piece: NumberMap::default(),
             nodes: Vec::new(),
             crease_nodes: Vec::new(),
             further_unknowns: Vec::new(),
@@ -106,28 +104,6 @@ impl OverQuads {
         self.crease_nodes = anchors.iter().enumerate().filter_map(on_crease).collect();
         let further = self.crease_nodes.iter().flat_map(|n| vec![n.node; n.further_unknowns()]);
         self.further_unknowns = further.collect();
-    }
-
-    /// The unsplit cell at an extraordinary vertex that contains a leaf.
-    pub(super) fn cell_of_piece(&self, leaf: Cell) -> Option<Cell> {
-        let level = leaf.level.checked_sub(PIECE_LEVELS)?;
-        let cell = Cell { level, i: leaf.i >> PIECE_LEVELS, j: leaf.j >> PIECE_LEVELS };
-        self.first_piece.contains_key(&cell).then_some(cell)
-    }
-
-    /// The leaf over a place of a cell at an extraordinary vertex: the place in units of leaves.
-    pub(super) fn piece(&self, cell: Cell, [column, row]: [usize; 2]) -> Option<usize> {
-        self.first_piece.get(&cell).map(|&first| first as usize + row * PIECES + column)
-    }
-
-    /// The leaf that contains a finer cell, if it is one of those at an extraordinary vertex.
-    pub(super) fn piece_over(&self, cell: Cell) -> Option<usize> {
-        (0..=cell.level.checked_sub(PIECE_LEVELS)?).rev().find_map(|level| {
-            let up = |shift: u8| [cell.i >> shift, cell.j >> shift];
-            let [i, j] = up(cell.level - level);
-            let [column, row] = up(cell.level - level - PIECE_LEVELS).map(|x| x as usize % PIECES);
-            self.piece(Cell { level, i, j }, [column, row])
-        })
     }
 
     /// The nodes of a finer hierarchy over the same domain as weighted nodes of this one.
@@ -213,7 +189,7 @@ impl Hierarchy {
         if quads > 1 << 17 {
             return Err(Error::input(format!("a domain of {quads} quads is too large")));
         }
-        Ok(Self::build_over(domain, vec![vec![false; quads]]))
+        Ok(Self::build_over(domain, CellTree::new([quads, 1])))
     }
 
     /// The hierarchy over a domain of quads whose leaves are exactly the given cells.
@@ -233,15 +209,11 @@ impl Hierarchy {
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
     pub fn over_leaves(domain: Arc<QuadDomain>, leaves: &[Cell]) -> Result<Self> {
-        let unrefined = Self::over(Arc::clone(&domain))?;
-        let quads = unrefined.base[0];
+        let mut split = Self::over(Arc::clone(&domain))?.cells;
+        let quads = domain.cells().len();
         let all: HashSet<Cell> = leaves.iter().copied().collect();
-        let mut split = vec![vec![false; quads]];
         for &leaf in leaves {
-            if usize::from(leaf.level) > MAX_LEVEL
-                || leaf.i as usize >= quads << leaf.level
-                || leaf.j as usize >= 1 << leaf.level
-            {
+            if usize::from(leaf.level) > MAX_LEVEL || !split.is_inside(leaf) {
                 return Err(Error::input(format!("cell {leaf:?} lies outside the {quads} quads")));
             }
             // A leaf is a piece of a cell at an extraordinary vertex if the leaf at the vertex has its level:
@@ -254,16 +226,11 @@ impl Hierarchy {
                 let [i, j] = [(cell.i << PIECE_LEVELS) + x, (cell.j << PIECE_LEVELS) + y];
                 all.contains(&Cell { level: leaf.level, i, j }).then_some(cell)
             });
-            let Cell { level, mut i, mut j } = of_piece.unwrap_or(leaf);
-            for level in (0..usize::from(level)).rev() {
-                (i, j) = (i / 2, j / 2);
-                while split.len() <= level {
-                    split.push(vec![false; grid([quads, 1], split.len()).iter().product()]);
-                }
-                split[level][j as usize * (quads << level) + i as usize] = true;
+            if let Some(parent) = of_piece.unwrap_or(leaf).parent() {
+                split.split(parent);
             }
         }
-        close(&domain, &mut split, MAX_LEVEL);
+        close(&domain, &mut split);
         let built = Self::build_over(domain, split);
         let sorted = |cells: &[Cell]| {
             let mut cells = cells.to_vec();
@@ -307,22 +274,22 @@ impl Hierarchy {
     }
 
     /// The hierarchy with numbered nodes but without leaves, and the nodes of vertices.
-    pub(super) fn numbered_over(domain: &Arc<QuadDomain>, split: Vec<Vec<bool>>) -> (Self, OverQuads) {
+    pub(super) fn numbered_over(domain: &Arc<QuadDomain>, split: CellTree) -> (Self, OverQuads) {
         let mut over = OverQuads::new(domain);
         let mut made = Self::empty(Topology::Quads(over.clone()), [domain.cells().len(), 1], split);
-        over.nodes = (0..made.split.len()).map(|level| made.number_vertices(domain, level)).collect();
+        over.nodes = (0..made.cells.levels()).map(|level| made.number_vertices(domain, level)).collect();
         over.find_crease_nodes(&made.node_anchors);
         (made, over)
     }
 
-    pub(super) fn build_over(domain: Arc<QuadDomain>, split: Vec<Vec<bool>>) -> Self {
-        let (mut made, mut over) = Self::numbered_over(&domain, split);
+    pub(super) fn build_over(domain: Arc<QuadDomain>, split: CellTree) -> Self {
+        let (mut made, over) = Self::numbered_over(&domain, split);
         let quads: Vec<u32> = (0..made.base[0] as u32).collect();
         let walks: Vec<QuadLeaves> = quads
             .par_chunks(QUADS_PER_WALK)
             .map(|own| {
                 let mut walk = QuadWalk {
-                    levels: (0..made.split.len()).map(|level| Level::new(&domain, level)).collect(),
+                    levels: (0..made.cells.levels()).map(|level| Level::new(&domain, level)).collect(),
                     coefficients: Coefficients::new(&over),
                     hierarchy: &made,
                     found: QuadLeaves::default(),
@@ -331,20 +298,17 @@ impl Hierarchy {
                 walk.found
             })
             .collect();
-        walks.into_iter().for_each(|found| made.append(found, &mut over.first_piece));
+        walks.into_iter().for_each(|found| made.append(found));
         made.topology = Topology::Quads(over);
         made
     }
 
     /// Adds leaves after those found before.
-    fn append(&mut self, found: QuadLeaves, first_piece: &mut NumberMap<Cell, u32>) {
+    fn append(&mut self, found: QuadLeaves) {
         let (first_leaf, first_node) = (self.leaves.len() as u32, self.nodes.len() as u32);
-        for (cell, leaf) in found.whole_cells {
-            let level = usize::from(cell.level);
-            let place = cell.j as usize * grid(self.base, level)[0] + cell.i as usize;
-            self.leaf_number[level][place] = first_leaf + leaf;
+        for (cell, leaf, has_pieces) in found.cells {
+            self.cells.number(cell, first_leaf + leaf, has_pieces);
         }
-        first_piece.extend(found.first_piece.into_iter().map(|(cell, leaf)| (cell, first_leaf + leaf)));
         self.leaves.extend(found.leaves);
         self.offsets.extend(found.ends.into_iter().map(|end| first_node + end));
         self.nodes.extend(found.nodes);
@@ -354,22 +318,22 @@ impl Hierarchy {
     /// Numbers the nodes of a level, and stores their anchors.
     fn number_vertices(&mut self, domain: &QuadDomain, level: usize) -> LevelNodes {
         let of_level = Level::new(domain, level);
-        let mut is_used = vec![false; of_level.vertex_count()];
-        for cell in self.existing_cells(level) {
-            let neighbourhood = of_level.neighbourhood(level_cell(cell));
-            neighbourhood.vertices().iter().for_each(|&vertex| is_used[vertex] = true);
-        }
+        let cells = self.cells.cells(level);
+        let used = cells.par_iter().with_min_len(256);
+        let used = used.flat_map_iter(|&cell| of_level.neighbourhood(level_cell(cell)).vertices());
+        let mut used: Vec<usize> = used.collect();
+        used.par_sort_unstable();
+        used.dedup();
         // The search for the cells that depend on a vertex takes the time. Nodes are numbered after it.
-        let found: Vec<(usize, [f64; 2])> = (0..is_used.len())
+        let found: Vec<(usize, [f64; 2])> = used
             .into_par_iter()
             .with_min_len(256)
-            .filter(|&vertex| is_used[vertex])
             .filter_map(|vertex| {
                 let users = of_level.users(vertex).into_iter().map(|cell| cell_of_level(cell, level));
                 let (mut exist, mut are_split) = (true, true);
                 for cell in users {
-                    exist &= self.exists(cell);
-                    are_split &= self.is_split(cell);
+                    exist &= self.cells.contains(cell);
+                    are_split &= self.cells.is_split(cell);
                 }
                 (exist && !are_split).then(|| {
                     let (quad, at) = of_level.nearest_inner_place(vertex);
@@ -386,65 +350,29 @@ impl Hierarchy {
         }
         nodes
     }
-
-    fn is_split(&self, cell: Cell) -> bool {
-        let columns = grid(self.base, usize::from(cell.level))[0];
-        self.split[usize::from(cell.level)][cell.j as usize * columns + cell.i as usize]
-    }
-
-    /// True if the parent of a cell is split.
-    fn exists(&self, cell: Cell) -> bool {
-        cell.level == 0 || self.is_split(Cell { level: cell.level - 1, i: cell.i / 2, j: cell.j / 2 })
-    }
-
-    fn existing_cells(&self, level: usize) -> Vec<Cell> {
-        let [columns, rows] = grid(self.base, level);
-        let cells = (0..rows as u32).flat_map(|j| (0..columns as u32).map(move |i| (i, j)));
-        let cells = cells.map(|(i, j)| Cell { level: level as u8, i, j });
-        cells.filter(|&cell| self.exists(cell)).collect()
-    }
 }
 
 /// Splits further cells until the rules of grading are satisfied: the parent of a split cell and all cells
 /// around its corners are split, and so are all cells around an extraordinary vertex if one is.
-pub(super) fn close(domain: &QuadDomain, split: &mut Vec<Vec<bool>>, max_level: usize) {
-    let quads = domain.cells().len();
-    let place = |cell: Cell| cell.j as usize * (quads << cell.level) + cell.i as usize;
-    loop {
-        let mut changed = false;
-        for level in (0..split.len()).rev() {
-            let of_level = Level::new(domain, level);
-            let coarse = level.checked_sub(1).map(|l| Level::new(domain, l));
-            let columns = quads << level;
-            for k in (0..split[level].len()).filter(|&k| split[level][k]).collect::<Vec<_>>() {
-                let cell = Cell { level: level as u8, i: (k % columns) as u32, j: (k / columns) as u32 };
-                let mut require = |of: &Level, level: usize, cells: Vec<LevelCell>| {
-                    for cell in cells.into_iter().filter(|&cell| of.is_inner(cell)) {
-                        let own = &mut split[level][place(cell_of_level(cell, level))];
-                        changed |= !*own;
-                        *own = true;
-                    }
-                };
-                let own = level_cell(cell);
-                if let Some(corner) = of_level.extraordinary_corner(own) {
-                    let vertex = of_level.corners(own)[corner as usize];
-                    require(&of_level, level, of_level.around(vertex));
-                }
-                if let Some(coarse) = &coarse {
-                    let parent = LevelCell { quad: own.quad, at: own.at.map(|x| x / 2) };
-                    let corners = coarse.corners(parent).into_iter();
-                    require(coarse, level - 1, corners.flat_map(|v| coarse.around(v)).collect());
-                }
+pub(super) fn close(domain: &QuadDomain, split: &mut CellTree) {
+    split.close(|cell, also| {
+        let require = |level: usize, cells: Vec<LevelCell>, of: &Level, also: &mut Vec<Cell>| {
+            let inner = cells.into_iter().filter(|&cell| of.is_inner(cell));
+            also.extend(inner.map(|cell| cell_of_level(cell, level)));
+        };
+        let level = usize::from(cell.level);
+        let (of_level, own) = (Level::new(domain, level), level_cell(cell));
+        if let Some(corner) = of_level.extraordinary_corner(own) {
+            let vertex = of_level.corners(own)[corner as usize];
+            require(level, of_level.around(vertex), &of_level, also);
+        }
+        if let (Some(coarser), Some(parent)) = (level.checked_sub(1), cell.parent()) {
+            let of_coarser = Level::new(domain, coarser);
+            for vertex in of_coarser.corners(level_cell(parent)) {
+                require(coarser, of_coarser.around(vertex), &of_coarser, also);
             }
         }
-        // Cells split at the last level need a level for their children.
-        if split.last().is_some_and(|level| level.iter().any(|&s| s)) && split.len() <= max_level {
-            split.push(vec![false; grid([quads, 1], split.len()).iter().product()]);
-        }
-        if !changed {
-            break;
-        }
-    }
+    });
 }
 
 /// A cell in the frame of its quad.
@@ -470,9 +398,8 @@ struct QuadLeaves {
     ends: Vec<u32>,
     nodes: Vec<u32>,
     weights: Vec<[f64; 16]>,
-    /// Cells that are leaves, and the first pieces of the others.
-    whole_cells: Vec<(Cell, u32)>,
-    first_piece: Vec<(Cell, u32)>,
+    /// Cells with their first leaf, and whether it is one of several.
+    cells: Vec<(Cell, u32, bool)>,
 }
 
 /// Traversal that finds the leaves in order, with their extraction.
@@ -485,26 +412,22 @@ struct QuadWalk<'a> {
 
 impl QuadWalk<'_> {
     fn descend(&mut self, cell: Cell) {
-        if self.hierarchy.is_split(cell) {
-            for (half_u, half_v) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let [i, j] = [2 * cell.i + half_u, 2 * cell.j + half_v];
-                self.descend(Cell { level: cell.level + 1, i, j });
-            }
-            return;
+        if self.hierarchy.cells.is_split(cell) {
+            return children(cell).into_iter().for_each(|child| self.descend(child));
         }
         let one = |k: usize| std::array::from_fn(|j| f64::from(u8::from(j == k)));
         match self.levels[usize::from(cell.level)].neighbourhood(level_cell(cell)) {
             Neighbourhood::Regular(vertices) => {
-                self.number_leaf(cell);
+                self.number_leaf(cell, false);
                 self.add_leaf(cell, cell.level, vertices.iter().enumerate().map(|(k, &v)| (v, one(k))));
             }
             Neighbourhood::Creased(vertices) => {
-                self.number_leaf(cell);
+                self.number_leaf(cell, false);
                 let entries = vertices.iter().enumerate().map(|(k, weighted)| (weighted, one(k)));
                 self.add_leaf(cell, cell.level, entries.flat_map(weighted_entries));
             }
             Neighbourhood::Around { corner, shape, cell: number, vertices } => {
-                self.found.first_piece.push((cell, self.found.leaves.len() as u32));
+                self.number_leaf(cell, true);
                 let weights = &leaf_weights(shape)[number];
                 for row in 0..PIECES {
                     for column in 0..PIECES {
@@ -530,9 +453,9 @@ impl QuadWalk<'_> {
         }
     }
 
-    /// The next leaf is this cell.
-    fn number_leaf(&mut self, cell: Cell) {
-        self.found.whole_cells.push((cell, self.found.leaves.len() as u32));
+    /// The next leaf is this cell, or the first of its pieces.
+    fn number_leaf(&mut self, cell: Cell, has_pieces: bool) {
+        self.found.cells.push((cell, self.found.leaves.len() as u32, has_pieces));
     }
 
     /// A leaf with the vertices of a level and their weights.

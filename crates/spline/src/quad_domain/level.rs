@@ -91,11 +91,6 @@ impl<'a> Level<'a> {
         Self { domain, edges: domain.edges(), n: 1 << level }
     }
 
-    /// Number of vertices, those beyond borders included.
-    pub(crate) fn vertex_count(&self) -> usize {
-        self.first_inside() + self.edges.quads().len() * (self.n as usize - 1).pow(2)
-    }
-
     fn first_inside(&self) -> usize {
         self.edges.vertex_count() + self.edges.of_edges().len() * (self.n as usize - 1)
     }

@@ -126,18 +126,15 @@ fn faces_between_creases(domain: &QuadDomain) -> Option<usize> {
     if domain.creases().is_empty() {
         return None;
     }
-    let creases: HashSet<[u32; 2]> = domain.creases().iter().copied().collect();
     let mut sets = DisjointSets::new(domain.cells().len());
     let mut first_at: HashMap<[u32; 2], u32> = HashMap::new();
     for (cell, corners) in domain.cells().iter().enumerate() {
         for k in 0..4 {
             let (a, b) = (corners[k], corners[(k + 1) % 4]);
-            let edge = [a.min(b), a.max(b)];
-            if creases.contains(&edge) {
-                continue;
+            if !domain.is_crease([a, b]) {
+                let other = *first_at.entry([a.min(b), a.max(b)]).or_insert(cell as u32);
+                sets.join(other, cell as u32);
             }
-            let other = *first_at.entry(edge).or_insert(cell as u32);
-            sets.join(other, cell as u32);
         }
     }
     let roots: HashSet<u32> = sets.into_roots().into_iter().collect();

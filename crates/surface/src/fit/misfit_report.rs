@@ -6,10 +6,9 @@
 use super::leaves::{leaf_areas, neighbourhood};
 use super::local_misfit::LeafMisfit;
 use planish_core::numbers::significant;
-use planish_core::{DVec3, DisjointSets, Finding, FindingCode, SmallUnit, Unit};
+use planish_core::{DVec3, Finding, FindingCode, SmallUnit, Unit, connected_groups};
 use planish_spline::Surface;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Smallest number of leaves of a region. Leaves with few readings are judged with their neighbours.
 const MIN_LEAVES: usize = 4;
@@ -97,24 +96,15 @@ impl MisfitReport {
 
 /// The connected regions of leaves whose misfit is larger than the noise, without small ones.
 pub(super) fn misfit_regions(surface: &Surface, misfits: &[LeafMisfit]) -> Vec<Vec<usize>> {
-    let is_region = |leaf: usize| misfits[leaf].exceeds_noise();
-    let mut sets = DisjointSets::new(misfits.len());
-    for leaf in (0..misfits.len()).filter(|&leaf| is_region(leaf)) {
-        for other in neighbourhood(surface.space(), leaf).into_iter().filter(|&other| is_region(other)) {
-            sets.join(leaf as u32, other as u32);
-        }
-    }
-    let mut regions: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-    for (leaf, root) in sets.into_roots().into_iter().enumerate().filter(|(leaf, _)| is_region(*leaf)) {
-        regions.entry(root).or_default().push(leaf);
-    }
+    let exceed: Vec<bool> = misfits.iter().map(LeafMisfit::exceeds_noise).collect();
+    let regions = connected_groups(&exceed, |leaf| neighbourhood(surface.space(), leaf));
     let areas = leaf_areas(surface);
     let total: f64 = areas.iter().sum();
     let is_place = |leaves: &Vec<usize>| {
         let readings: usize = leaves.iter().map(|&leaf| misfits[leaf].readings).sum();
         leaves.len() >= MIN_LEAVES && readings >= MIN_READINGS
     };
-    let found: Vec<Vec<usize>> = regions.into_values().filter(is_place).collect();
+    let found: Vec<Vec<usize>> = regions.into_iter().filter(is_place).collect();
     let of_regions: f64 = found.iter().flatten().map(|&leaf| areas[leaf]).sum();
     // What is the same everywhere, as differences between scans are, is no matter of places.
     if of_regions > MAX_SHARE * total { Vec::new() } else { found }

@@ -14,12 +14,11 @@
 use super::noise::SensorNoise;
 use crate::observe::{FootState, ProjectedReadings, Quantity};
 use planish_core::random::{nth, unit_interval};
-use planish_core::{DVec3, DisjointSets};
+use planish_core::{DVec3, connected_groups};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_sense::Neighbourhoods;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Readings that are judged; more would only take longer.
 const MAX_JUDGED: usize = 40_000;
@@ -186,19 +185,9 @@ fn noise_bounds(readings: ProjectedReadings<'_>) -> Vec<f64> {
 
 /// Groups of marked readings that are neighbours, without small ones.
 fn clusters(near: &Neighbourhoods, marked: &[bool]) -> Vec<Vec<usize>> {
-    let mut sets = DisjointSets::new(marked.len());
-    for i in (0..marked.len()).filter(|&i| marked[i]) {
-        for &j in near.neighbours(i) {
-            if marked[j as usize] {
-                sets.join(i as u32, j);
-            }
-        }
-    }
-    let mut all: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-    for (i, root) in sets.into_roots().into_iter().enumerate().filter(|(i, _)| marked[*i]) {
-        all.entry(root).or_default().push(i);
-    }
-    all.into_values().filter(|cluster| cluster.len() >= MIN_CLUSTER).collect()
+    let mut all = connected_groups(marked, |i| near.neighbours(i).iter().map(|&j| j as usize));
+    all.retain(|cluster| cluster.len() >= MIN_CLUSTER);
+    all
 }
 
 /// The middle of some numbers; none of no numbers.

@@ -4,7 +4,7 @@ use crate::fit::leaves::{leaf_areas, neighbourhood};
 use crate::model::{Observed, SurfaceModel, is_closed, middles};
 use crate::observe::RejectionCause;
 use planish_core::numbers::significant;
-use planish_core::{BoundingBox, DVec3, DisjointSets, Finding, FindingCode, Setting};
+use planish_core::{BoundingBox, DVec3, Finding, FindingCode, Setting, connected_groups};
 use std::collections::BTreeMap;
 
 /// Smallest share of a closed surface in openings that is reported. A gap of 10 mm in one of three joined
@@ -52,18 +52,14 @@ pub(super) fn openings<'a>(
     let space = model.surface.space();
     let mut is_open = vec![false; space.leaves().len()];
     cells.iter().for_each(|cell| is_open[cell.leaf] = true);
-    let mut sets = DisjointSets::new(is_open.len());
-    for leaf in (0..is_open.len()).filter(|&leaf| is_open[leaf]) {
-        for other in neighbourhood(space, leaf).into_iter().filter(|&other| is_open[other]) {
-            sets.join(leaf as u32, other as u32);
-        }
+    let groups = connected_groups(&is_open, |leaf| neighbourhood(space, leaf));
+    let mut number = vec![0; is_open.len()];
+    for (k, group) in groups.iter().enumerate() {
+        group.iter().for_each(|&leaf| number[leaf] = k);
     }
-    let roots = sets.into_roots();
-    let mut found: BTreeMap<u32, Vec<&UnobservedCell>> = BTreeMap::new();
-    for cell in cells {
-        found.entry(roots[cell.leaf]).or_default().push(cell);
-    }
-    found.into_values().collect()
+    let mut found = vec![Vec::new(); groups.len()];
+    cells.iter().for_each(|cell| found[number[cell.leaf]].push(cell));
+    found
 }
 
 /// The openings of at least [`MIN_OPENING`], each with its share of the area.
