@@ -161,3 +161,32 @@ fn errors_shared_by_neighbours_show_in_wider_neighbourhoods() {
         assert_eq!(found(&points, 0.1).shared, None);
     }
 }
+
+/// Sharp edges make differences grow with the neighbourhood, too, but with slopes that no errors have.
+#[test]
+fn a_plate_with_sharp_edges_has_no_shared_errors() {
+    for (seed, thickness) in [(21, 0.5), (22, 1.0), (23, 2.0)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let sides = [20.0, 20.0, thickness];
+        let points: Vec<DVec3> = (0..20_000)
+            .map(|_| {
+                // A side in proportion to its area, and a place on it.
+                let areas = [0, 1, 2].map(|axis| sides[(axis + 1) % 3] * sides[(axis + 2) % 3]);
+                let mut at = rng.random_range(0.0..areas.iter().sum());
+                let axis = areas
+                    .iter()
+                    .take_while(|&&area| {
+                        at -= area;
+                        at > 0.0
+                    })
+                    .count()
+                    .min(2);
+                let mut place = sides.map(|side| rng.random_range(0.0..side));
+                place[axis] = if rng.random_range(0.0..1.0) < 0.5 { 0.0 } else { sides[axis] };
+                DVec3::from_array(place) + vector(&mut rng, 0.005)
+            })
+            .collect();
+        let noise = found(&points, 0.005);
+        assert_eq!(noise.shared, None, "thickness {thickness}: {noise:?}");
+    }
+}
