@@ -30,7 +30,7 @@ pub fn run(args: &MergeArgs) -> u8 {
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let options = MergeOptions {
-        method: args.method.map(Into::into),
+        method: args.method.map(Into::into).unwrap_or_default(),
         unit: args.common.unit.map(Unit::from),
         mesh_tolerance: args.mesh_tolerance,
         epsilon: args.epsilon,

@@ -250,6 +250,7 @@ codes! {
     // shell
     MaterialsMissing = "materials-missing", Warning: "A material file is missing.",
     TextureIgnored = "texture-ignored", Warning: "Only one of several textures is used.",
+    TextureUnreadable = "texture-unreadable", Warning: "The picture of a texture cannot be read.",
     TextureDropped = "texture-dropped", Warning: "The texture is missing in the output.",
     TextureIncomplete = "texture-incomplete", Warning: "Triangles have no place in the texture.",
     TextureShared = "texture-shared", Warning: "Parts of the mesh share a place of the texture.",

@@ -25,6 +25,7 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+use crate::appearance::is_jpeg;
 use crate::depth::{picture_budget, tags, take_pixels, tiff_limits};
 use crate::foreign::guarded;
 use crate::source::{extension, read_limited};
@@ -165,19 +166,40 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
                 )));
             }
         };
-        match picture.values.len() == picture.columns * picture.rows * picture.channels
-            && !picture.values.is_empty()
-        {
-            true => Ok(picture),
-            false => Err(Error::input(format!(
-                "expected {} × {} pixels, found {} values: the file is damaged or cut off",
-                picture.columns,
-                picture.rows,
-                picture.values.len()
-            ))),
-        }
+        complete(picture)
     };
     read().map_err(|e: Error| e.in_context(path.display()))
+}
+
+/// Reads a PNG or JPEG picture from its bytes, for example those of a texture inside another file.
+///
+/// # Errors
+/// As [`read_picture`], without a name.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::picture::{colour_png, decode_picture};
+/// let picture = decode_picture(&colour_png([1, 1], &[255, 0, 0])?)?;
+/// assert_eq!(picture.values, [255.0, 0.0, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn decode_picture(bytes: &[u8]) -> Result<Picture> {
+    complete(if is_jpeg(bytes) { jpeg(bytes)? } else { png(bytes)? })
+}
+
+/// The picture, if it has all of its pixels.
+fn complete(picture: Picture) -> Result<Picture> {
+    match picture.values.len() == picture.columns * picture.rows * picture.channels
+        && !picture.values.is_empty()
+    {
+        true => Ok(picture),
+        false => Err(Error::input(format!(
+            "expected {} × {} pixels, found {} values: the file is damaged or cut off",
+            picture.columns,
+            picture.rows,
+            picture.values.len()
+        ))),
+    }
 }
 
 /// Writes brightness from 0 to 255, row by row, as a grey PNG with 8 bits.

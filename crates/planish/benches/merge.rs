@@ -74,7 +74,7 @@ fn main() {
     let files = [("left.ply", 0.0), ("right.ply", SHIFT)]
         .map(|(name, begin)| write_patch(folder.path(), name, begin, side, &mut random));
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
-        let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
+        let options = MergeOptions { method, ..MergeOptions::default() };
         let (stages, begun) = (Stages::default(), Instant::now());
         let set = read_patches(&files, None, None, None).unwrap();
         let merged = merge(set, &options, &stages).unwrap();

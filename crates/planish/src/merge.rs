@@ -57,7 +57,7 @@ const NO_PATCH: u32 = u32::MAX;
 pub const MAX_NARROW_WIDTH: f64 = 3.0;
 
 /// How shared places are fused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MergeMethod {
     /// One spline through the overlap and its surroundings, weighted by information. The correction decreases
@@ -65,16 +65,16 @@ pub enum MergeMethod {
     Information,
     /// One spline through the overlap with equal weights, as in the paper. σ is estimated from residuals.
     Refit,
-    /// The mean by information, place by place, without a spline.
+    /// The mean by information, place by place, without a spline: it loses no shape, so its σ is true.
+    #[default]
     Mean,
 }
 
 /// How patches are merged.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MergeOptions {
-    /// How shared places are fused; if not specified, by information if all patches state σ, and by the mean
-    /// if not.
-    pub method: Option<MergeMethod>,
+    /// How shared places are fused.
+    pub method: MergeMethod,
     /// Unit of files that state none.
     pub unit: Option<Unit>,
     /// Chord error of the mesh of a model; half its median σ if none is given.
@@ -197,16 +197,10 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let mut ready = Ready::new(set, options, progress)?;
     let overlap = ready.overlap(options)?;
     progress.check("fusing", 0.4)?;
-    // Weights by information need stated σ. Without them, σ comes from the differences between patches. The
-    // mean then loses no shape, and takes half the time of a refit (`docs/decisions/0151-narrow-gaps.md`).
-    let method = options.method.unwrap_or(match overlap.sigma_estimated {
-        false => MergeMethod::Information,
-        true => MergeMethod::Mean,
-    });
     // Every method needs the mean: refits keep it at borders and where a piece cannot be fitted.
     let mean = fuse_patches(&ready.patches, &overlap);
     let part = ProgressPart::new(progress, 0.4, 0.7);
-    let places = match method {
+    let places = match options.method {
         MergeMethod::Information => refitted(&ready.patches, &overlap, mean, Refit::Information, &part)?,
         MergeMethod::Refit => refitted(&ready.patches, &overlap, mean, Refit::Shared, &part)?,
         MergeMethod::Mean => mean,
@@ -230,7 +224,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     if ready.crosses {
         ready.findings.push(crossing_finding(&stitched_mesh.mesh)?);
     }
-    let outcome = MergeOutcome { method, completed, filled, stitched, kept, inputs };
+    let outcome = MergeOutcome { method: options.method, completed, filled, stitched, kept, inputs };
     let report = ready.report(&stitched_mesh, &overlap, outcome);
     // Normals and curvature are those of the final mesh, after completion and filling.
     let normals = stitched_mesh.mesh.vertex_normals();

@@ -8,6 +8,7 @@
 mod camera;
 mod canvas;
 mod legend;
+mod own_colours;
 mod shading;
 mod viewed_content;
 
@@ -27,7 +28,7 @@ use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::write_colour_png;
 use planish_exchange::{Unit, extension};
-use planish_report::colour::{Colour, Scale, UNKNOWN, screen_brightness};
+use planish_report::colour::{Colour, Scale, UNKNOWN, colour_of_number, screen_brightness};
 use planish_report::{Block, Field, Figure, Page, Section, Values};
 use serde::Serialize;
 use shading::{Pixel, Shape, draw};
@@ -319,7 +320,8 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
     let find = |key: &str| fields(content).find(|field| field.key == key);
     match colour {
         // The most specific field first: deviations exist only if a reference was given.
-        None => Ok((find("deviation").or_else(|| find("sigma"))).or_else(|| fields(content).next())),
+        None => Ok((find("deviation").or_else(|| find("sigma")).or_else(|| find("rgb")))
+            .or_else(|| fields(content).next())),
         Some(ColourBy::Plain) => Ok(None),
         Some(ColourBy::Normal) => {
             let has_surface = content.scene.surfaces.iter().any(|s| !s.hidden);
@@ -372,6 +374,14 @@ fn pixels(
     let of_surface: Vec<_> = (surfaces.iter().zip(&surface_values))
         .map(|(surface, values)| {
             move |triangle: usize, weights: [f64; 3]| match (values, scale) {
+                (Some(_), Some(Scale::Own)) if content.texture.is_some() => {
+                    let texture = content.texture.as_ref();
+                    texture.and_then(|texture| texture.colour(triangle, weights)).unwrap_or(CLAY)
+                }
+                (Some(values), Some(Scale::Own)) => {
+                    let corners = surface.triangles[triangle].map(|k| colour_of_number(values[k as usize]));
+                    std::array::from_fn(|c| (0..3).map(|k| weights[k] * corners[k][c]).sum())
+                }
                 (Some(values), Some(scale)) => {
                     let corners = surface.triangles[triangle].map(|k| values[k as usize]);
                     // Kinds are not interpolated: between kinds 1 and 3 there is no kind 2.

@@ -60,6 +60,7 @@
       const colours = new Map(field.categories.map(([value, , hex]) => [value, ofHex(hex)]));
       return { colour: (value) => colours.get(value) || UNKNOWN, categories: field.categories.map(([, label, hex]) => ({ colour: `#${hex}`, label })) };
     }
+    if (field.colours) return { colour: (v) => (Number.isFinite(v) ? [v >> 16, (v >> 8) & 255, v & 255].map((c) => c / 255) : UNKNOWN) };
     const { low, high, logarithmic, ticks } = field.range;
     const map = MAPS[field.range.map];
     const place = logarithmic ? (v) => Math.log(Math.max(v, 0) / low) / Math.log(high / low) : (v) => (v - low) / (high - low);
@@ -276,7 +277,7 @@
       }
       if (categories.length > 12) list.append(element("li", {}, `${categories.length - 12} more`));
       legend.append(list);
-    } else {
+    } else if (map) {
       const bar = element("div", { className: "bar" });
       bar.style.background = `linear-gradient(to right, ${map.map(css).join(",")})`;
       const axis = element("div", { className: "axis" });
@@ -395,6 +396,7 @@
       const found = field.categories.find(([v]) => v === value);
       return found ? found[1] : "–";
     }
+    if (field.colours) return Number.isFinite(value) ? [value >> 16, (value >> 8) & 255, value & 255].join(", ") : "unknown";
     const [unit, factor] = field.shown || [field.unit, 1];
     return `${number(factor * value, 6)}${Number.isFinite(value) && unit ? ` ${unit}` : ""}`;
   }

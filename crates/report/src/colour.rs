@@ -184,6 +184,27 @@ pub enum Scale {
     Range(Range),
     /// Categories.
     Kinds(Vec<ColourKind>),
+    /// The values are colours ([`FieldKind::Colours`]).
+    Own,
+}
+
+/// A colour of 8 bits per channel as a value of [`FieldKind::Colours`], and back.
+///
+/// # Examples
+/// ```
+/// use planish_report::colour::{colour_of_number, number_of_colour};
+/// let orange = number_of_colour([255, 128, 0]);
+/// assert_eq!(colour_of_number(orange)[1], 128.0 / 255.0);
+/// ```
+#[must_use]
+pub fn number_of_colour([r, g, b]: [u8; 3]) -> f64 {
+    f64::from((u32::from(r) << 16) | (u32::from(g) << 8) | u32::from(b))
+}
+
+/// The inverse of [`number_of_colour`]; grey for numbers that are not finite.
+#[must_use]
+pub fn colour_of_number(number: f64) -> Colour {
+    if number.is_finite() { from_hex(number as u32) } else { UNKNOWN }
 }
 
 impl Scale {
@@ -233,6 +254,7 @@ impl Scale {
                 };
                 Self::Range(Range { map: Map::Viridis, low, high, logarithmic, ticks })
             }
+            (FieldKind::Colours, _) => Self::Own,
             (FieldKind::Sequential | FieldKind::Signed(_), Values::Kinds(_)) => Self::Kinds(Vec::new()),
         }
     }
@@ -245,6 +267,7 @@ impl Scale {
             Self::Kinds(kinds) => {
                 (kinds.iter()).find(|kind| f64::from(kind.value) == value).map_or(UNKNOWN, |kind| kind.colour)
             }
+            Self::Own => colour_of_number(value),
         }
     }
 }

@@ -17,6 +17,9 @@ pub enum FieldKind {
     /// Positive and negative values. The limit of the scale is given, or covers all but 2 % of the values at
     /// each end.
     Signed(Option<f64>),
+    /// Colours themselves, as numbers `65536 r + 256 g + b` with `r`, `g` and `b` from 0 to 255. Unknown ones
+    /// are not finite.
+    Colours,
     /// Categories without an order, each with its name.
     Categories(Vec<(u16, String)>),
     /// Categories with an order, each with its name.

@@ -316,6 +316,7 @@ impl Field {
                     (kinds.iter()).map(|kind| (kind.value, kind.label.as_str(), hex(kind.colour))).collect();
                 made["categories"] = json!(kinds);
             }
+            Scale::Own => made["colours"] = json!(true),
         }
         made["values"] = match &self.values {
             // The precision of mesh files, so that a click shows what a file holds (decision 0080).

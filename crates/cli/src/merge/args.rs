@@ -31,11 +31,11 @@ patches are first registered to the first patch; the JSON object has the covaria
 /// Value of `--method`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
-    /// One spline through all patches, weighted by information (default if all patches have σ)
+    /// One spline through all patches, weighted by information: smoother, but it loses fine shape
     Information,
-    /// One spline through all points with equal weights, as in the paper (default otherwise)
+    /// The same with equal weights, as in the paper
     Refit,
-    /// The mean weighted by information, without a spline
+    /// The mean weighted by information, without a spline (default)
     Mean,
 }
 
@@ -64,7 +64,7 @@ pub struct MergeArgs {
     /// Formats: .ply (with σ and `observed`), .glb, .obj, .stl; .step or .planish for one spline.
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// How corresponding points are fused [default: information if all patches have σ, else mean]
+    /// How corresponding points are fused [default: mean]
     #[arg(long, value_name = "METHOD", value_enum, hide_short_help = true, help_heading = "Fusion")]
     pub method: Option<MethodName>,
     /// ε: maximum distance of corresponding points [default: from σ]

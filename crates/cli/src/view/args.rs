@@ -16,6 +16,7 @@ pub enum ColourName {
     Observed,
     Normal,
     Plain,
+    Rgb,
     Level,
     MeanCurvature,
     GaussianCurvature,
@@ -31,6 +32,7 @@ impl From<ColourName> for ColourBy {
             ColourName::Observed => Self::Field("observed"),
             ColourName::Normal => Self::Normal,
             ColourName::Plain => Self::Plain,
+            ColourName::Rgb => Self::Field("rgb"),
             ColourName::Level => Self::Field("level"),
             ColourName::MeanCurvature => Self::Field("mean_curvature"),
             ColourName::GaussianCurvature => Self::Field("gaussian_curvature"),
@@ -66,7 +68,8 @@ pub struct ViewArgs {
     /// Quantity shown by colour [default: deviation if there is a reference, else σ]
     ///
     /// If a file has no σ, another quantity of the file is shown. Models have a level and curvatures; points
-    /// have a scan and a height.
+    /// have a scan and a height. `rgb` are the colours of the file: the texture of an OBJ or GLB file, or red,
+    /// green and blue of the vertices of a PLY file. Pages show a texture by its colours at the vertices.
     #[arg(
         long,
         // Both spellings: the library writes "colour", and most programs write "color".

@@ -51,11 +51,11 @@ pub(super) fn draw(canvas: &mut Canvas, legend: &Legend, camera: &Camera) {
             canvas.text([left, bottom - 1.75 * em], &legend.title, em, Anchor::Left, INK);
             end = end.max(left + canvas.width(&legend.title, em));
         }
-        None if !legend.title.is_empty() => {
+        None | Some(Scale::Own) if !legend.title.is_empty() => {
             canvas.text([left, bottom], &legend.title, em, Anchor::Left, INK);
             end = left + canvas.width(&legend.title, em);
         }
-        None => {}
+        None | Some(Scale::Own) => {}
     }
     let size = 0.9 * em;
     if end == left {

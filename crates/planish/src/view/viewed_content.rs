@@ -1,5 +1,6 @@
 //! Content of a viewed file: its surfaces or points as a scene, with the fields that can colour it.
 
+use super::own_colours::{Texture, vertex_colours};
 use crate::compare::page::{compared_scene, known_mesh_scene};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
 use crate::report::scenes::{kinds, model_scene_of, numbers};
@@ -10,7 +11,7 @@ use planish_exchange::mesh::{has_faces, read_mesh};
 use planish_exchange::{Unit, extension, read_inputs};
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{count, counted, significant};
-use planish_report::{Cloud, FieldKind, Scene};
+use planish_report::{Cloud, Field, FieldKind, Scene};
 use planish_surface::model::SurfaceTopology;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +34,8 @@ pub(super) struct ViewedContent {
     pub scene: Scene,
     /// Normals of the points of the first cloud, if all are known.
     pub normals: Option<Vec<DVec3>>,
+    /// The texture of the first surface, if its field `rgb` comes from one.
+    pub texture: Option<Texture>,
     /// One sentence that describes the content.
     pub headline: String,
     /// Every file that was read.
@@ -52,22 +55,36 @@ impl ViewedContent {
         let path = &viewed.file;
         progress.check("reading", 0.0)?;
         let ending = extension(path);
+        let (mut colours, mut texture, mut findings) = (None, None, Vec::new());
         let model = if ending == "planish" {
             Compared::read(path)?.with_unit_if_unstated(viewed.compare.unit)
         } else if has_faces(path) {
             let file = read_mesh(path)?;
+            colours = vertex_colours(&file.columns);
             // Formats of meshes can contain points only.
             if file.triangles.is_empty() {
-                return Self::from_points(viewed, points.min(MAX_POINTS));
+                return Self::from_points(viewed, points.min(MAX_POINTS), colours);
+            }
+            if ["obj", "glb"].contains(&ending.as_str()) {
+                // A second reading, because other readers need no texture.
+                (texture, findings) = Texture::read(path, &file)?;
+                colours = texture.as_ref().map(|texture| texture.at_vertices(file.points.len()));
             }
             Compared::Mesh(ComparedMesh::from_file(file, path)?)
         } else {
-            return Self::from_points(viewed, points.min(MAX_POINTS));
+            return Self::from_points(viewed, points.min(MAX_POINTS), None);
         };
         let mut made = match &viewed.reference {
             Some(reference) => Self::compared(&model, reference, viewed, triangles, progress)?,
             None => Self { scene: model_or_mesh(&model, viewed.compare.unit, triangles)?, ..Self::empty() },
         };
+        if let (Some(colours), [surface, ..]) = (colours, &mut made.scene.surfaces[..])
+            && colours.len() == surface.positions.len()
+        {
+            surface.fields.push(rgb(colours));
+            made.texture = texture;
+        }
+        made.findings.append(&mut findings);
         made.unit = model.unit().or(viewed.compare.unit);
         made.headline = match &model {
             Compared::Surface(model) => format!(
@@ -89,6 +106,7 @@ impl ViewedContent {
         Self {
             scene: Scene::default(),
             normals: None,
+            texture: None,
             headline: String::new(),
             inputs: Vec::new(),
             unit: None,
@@ -115,7 +133,8 @@ impl ViewedContent {
         })
     }
 
-    fn from_points(viewed: &ViewedFile, max_points: usize) -> Result<Self> {
+    /// Points of scans. `colours` are those of the points of the file, in its order.
+    fn from_points(viewed: &ViewedFile, max_points: usize, colours: Option<Vec<f64>>) -> Result<Self> {
         let path = &viewed.file;
         // An error, because a picture without the requested deviations would look complete.
         if viewed.reference.is_some() {
@@ -165,6 +184,10 @@ impl ViewedContent {
                 kept().map(|k| of_point[k]).collect(),
             ));
         }
+        // A reader may have dropped points, whose colours would then belong to others.
+        if let Some(colours) = colours.filter(|colours| colours.len() == all.points.len()) {
+            fields.push(rgb(kept().map(|k| colours[k]).collect()));
+        }
         // Always there, so that a plain cloud is readable, too.
         let heights = kept().map(|k| all.points[k][2]).collect();
         fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
@@ -192,6 +215,7 @@ impl ViewedContent {
         };
         Ok(Self {
             normals: normals.map(|normals| kept().map(|k| normals[k]).collect()),
+            texture: None,
             scene,
             headline: format!(
                 "{} of {}.",
@@ -220,6 +244,11 @@ impl ViewedContent {
             format!("{size} {}", self.scene.unit).trim_end().to_owned()
         })
     }
+}
+
+/// The field of the colours of a file.
+fn rgb(colours: Vec<f64>) -> Field {
+    numbers("rgb", "colour of the file", "", FieldKind::Colours, colours)
 }
 
 fn model_or_mesh(model: &Compared, unit: Option<Unit>, triangles: u64) -> Result<Scene> {

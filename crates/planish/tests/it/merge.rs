@@ -77,7 +77,7 @@ fn four_patches_with(smooth: f64) -> Vec<NamedPatch> {
 
 fn merged(patches: Vec<NamedPatch>, method: MergeMethod) -> Merged {
     let set = PatchSet { patches, ..PatchSet::default() };
-    let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
+    let options = MergeOptions { method, ..MergeOptions::default() };
     merge(set, &options, &Silent).expect("a merged mesh")
 }
 

@@ -333,6 +333,18 @@ impl<'a> Level<'a> {
 
     /// The cells, not beyond borders, whose splines depend on a vertex.
     pub(crate) fn users(&self, vertex: usize) -> Vec<LevelCell> {
+        if vertex >= self.first_inside() {
+            let (quad, [x, y]) = self.place(vertex);
+            // Most vertices of fine levels are far from the sides of their quads, where all is regular.
+            if [x, y].iter().all(|&c| 3 <= c && c <= self.n - 3) {
+                let column = |x| (y - 2..y + 2).map(move |y| LevelCell { quad, at: [x, y] });
+                return if self.is_inner(LevelCell { quad, at: [x, y] }) {
+                    (x - 2..x + 2).flat_map(column).collect()
+                } else {
+                    Vec::new()
+                };
+            }
+        }
         let mut cells: Vec<LevelCell> = Vec::with_capacity(16);
         let near = self.around(vertex).into_iter().flat_map(|cell| self.corners(cell));
         let ring = |vertices: &mut dyn Iterator<Item = usize>, cells: &mut Vec<LevelCell>| {
