@@ -376,7 +376,7 @@ mod tests {
     fn range(field: &Field) -> Range {
         match Scale::from_field(field) {
             Scale::Range(range) => range,
-            Scale::Kinds(_) => panic!("kinds"),
+            Scale::Kinds(_) | Scale::Own => panic!("no range"),
         }
     }
 
