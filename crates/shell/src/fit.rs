@@ -53,6 +53,7 @@ pub use readings::{
 };
 
 pub use growth::{ControlGrowth, ControlledDeformation, GrownFit, fit_with_growing_controls};
+pub use sequence::smoothing::SmoothedMotion;
 pub use sequence::{FrameFit, ShellTracker};
 pub use support::{VertexResiduals, VertexSupport};
 

@@ -61,11 +61,14 @@ pub struct ShellFitArgs {
     /// Folder of frames of a moving object
     ///
     /// It has a folder for each frame, ordered by name, with views.toml, points.* or both. The meshes are
-    /// written as NAME.FRAME.ply.
+    /// written as NAME.FRAME.ply, when a frame has been followed and again when the later frames are known.
     // The frames have their own points and views, so files for all of them would be ambiguous.
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath,
           conflicts_with_all = ["points", "silhouettes"], hide_short_help = true)]
     sequence: Option<PathBuf>,
+    /// Estimate each frame of a sequence from those up to it only
+    #[arg(long, requires = "sequence", hide_short_help = true)]
+    causal: bool,
     /// Output mesh: .ply, .glb, .obj or .stl; repeatable
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Vec<PathBuf>,
@@ -182,6 +185,7 @@ fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFit
         outline_step_px: args.outline_step,
         believe_sigma: args.believe_sigma,
         rough_start: args.rough_start,
+        causal: args.causal,
         force: args.force,
         outputs: args.output.clone(),
         report: args.page.output(&args.common),

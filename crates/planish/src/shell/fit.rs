@@ -8,6 +8,7 @@
 //! overlap its masks, may converge to a wrong position.
 
 mod figures;
+mod frames;
 pub(super) mod input;
 mod inspection;
 mod page;
@@ -19,11 +20,11 @@ use super::surface::mesh_outputs;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 pub use figures::{CameraPoseReport, FlowReport, FrameReport, ReadingsReport, ShellFitReport};
+use frames::{FittedFrame, FrameStage, Moving, Pass};
 use input::{Frame, FrameFiles, Moved, Units};
-use nalgebra::DVector;
 use page::{ShownShell, shell_page};
 use planish_core::{Finding, Progress, WRITING_STAGE};
-use planish_estimate::{Error, ErrorKind, Result, Termination};
+use planish_estimate::{Error, Result, Termination};
 use planish_exchange::Unit;
 use planish_exchange::mesh::is_mesh_file;
 use planish_exchange::textured::{TexturedMesh, read_textured};
@@ -94,6 +95,8 @@ pub struct ShellFitJob {
     /// Whether the mesh is only a rough start. It then grows where masks are not covered, is cut where they
     /// show background, and is remeshed before the fit.
     pub rough_start: bool,
+    /// Whether each frame of a sequence is estimated from the frames up to it only.
+    pub causal: bool,
     /// Whether a mesh is written that does not follow much of its points.
     pub force: bool,
     /// Meshes to write.
@@ -124,6 +127,7 @@ impl Default for ShellFitJob {
             outline_step_px: 5.0,
             believe_sigma: false,
             rough_start: false,
+            causal: false,
             force: false,
             outputs: Vec::new(),
             report: None,
@@ -193,7 +197,8 @@ fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
     }
 }
 
-/// Fits, and writes the outputs. If a sequence is interrupted, the frames before are written.
+/// Fits, and writes the outputs. Frames of a sequence are written when they have been followed, and again when
+/// they have been smoothed; if it is interrupted, those are kept that are written.
 fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
     let frames = frames_of(job)?;
     let mut run = Run {
@@ -203,6 +208,8 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         inputs: inputs_with_frames(job, &frames),
         units: Units::new(job.unit),
         findings: Vec::new(),
+        unfollowed: vec![None; frames.len()],
+        of_frames: Vec::new(),
         written: Vec::new(),
     };
     progress.check("reading", 0.0)?;
@@ -232,10 +239,12 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     };
     // Read once for all frames.
     let picture = picture_of(&start.appearance, &mut run.findings);
-    let (mut of_frames, mut last, mut grown) = (Vec::new(), None, None);
+    let picture = picture.as_deref();
+    let (mut last, mut grown) = (None, None);
+    let smooths = tracker.is_some() && !job.causal && frames.len() > 1;
     for (k, files) in frames.iter().enumerate() {
-        let stage =
-            FrameStage { number: k, count: frames.len(), tracked: tracker.is_some(), name: &files.name };
+        let pass = if tracker.is_some() { Pass::Following { smooths } } else { Pass::Fitting };
+        let stage = FrameStage { number: k, count: frames.len(), pass, name: &files.name };
         let frame = run.read_frame(&stage, files, size, &start)?;
         let mut watch = |at: ShellProgress| stage.report(progress, &at);
         let fitted = match &mut tracker {
@@ -251,34 +260,18 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             }
         };
         let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
-        run.findings.extend(inspection::unfollowed(&fit, &frame, size, &files.name, job.force)?);
-        let deformation = grown.as_ref().unwrap_or(&deformation);
-        // The fit moves vertices and keeps triangles.
-        let found =
-            TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };
-        let (normals, sigma, observed) = report::known(&found, &fit, &**deformation, &start.sigma);
-        let known = KnownMesh {
-            mesh: &found,
-            normals: &normals,
-            sigma: &sigma,
-            observed: &observed,
-            curvature: None,
-            unit: run.units.unit(),
-        };
-        // Each frame is written when it is done. An interrupted sequence keeps the frames before.
-        run.write(k, &start, &known, picture.as_deref())?;
-        // With the estimated poses, so that errors of the cameras do not count as errors of the mesh.
-        let iou = overlap(&frame, &found, &fit.cameras);
-        // A single fit is its own report; frames are listed for sequences only.
-        if stage.tracked {
-            of_frames.push(frame_report(&files.name, &fit, predicted, &iou, &sigma));
-        }
-        last = Some(FittedFrame { frame, fit, iou, sigma, observed });
+        let of_mesh =
+            Moving { start: &start, deformation: &**grown.as_ref().unwrap_or(&deformation), picture, size };
+        last = Some(run.take(&stage, &of_mesh, frame, fit, predicted)?);
+    }
+    if let (true, Some(tracker)) = (smooths, &tracker) {
+        let of_mesh = Moving { start: &start, deformation: &*deformation, picture, size };
+        run.smooth(&frames, &of_mesh, tracker)?;
     }
     progress.check(WRITING_STAGE, 0.98)?;
     // The figures and the page are those of the last frame.
     let last = last.ok_or_else(|| Error::input("expected at least one frame in the sequence, found none"))?;
-    run.finish(start, last, controls, of_frames)
+    run.finish(start, last, controls)
 }
 
 /// A fit that follows no other frame.
@@ -314,6 +307,10 @@ struct Run<'a> {
     inputs: Vec<PathBuf>,
     units: Units,
     findings: Vec<Finding>,
+    /// Findings about points that the mesh does not follow, frame by frame.
+    unfollowed: Vec<Option<Finding>>,
+    /// The figures of the frames of a sequence.
+    of_frames: Vec<FrameReport>,
     written: Vec<PathBuf>,
 }
 
@@ -339,61 +336,6 @@ impl Start {
                 "{}: expected faces with an extent, found all vertices at one point",
                 job.mesh.display()
             ))),
-        }
-    }
-}
-
-/// A frame with its fit.
-struct FittedFrame {
-    frame: Frame,
-    fit: ShellFit,
-    /// Overlap of silhouettes and masks, by view.
-    iou: BTreeMap<String, f64>,
-    sigma: Vec<f64>,
-    observed: Vec<u8>,
-}
-
-/// The place of a frame in the whole job.
-struct FrameStage<'a> {
-    number: usize,
-    count: usize,
-    /// Whether frames of a sequence follow one another.
-    tracked: bool,
-    name: &'a str,
-}
-
-impl FrameStage<'_> {
-    fn title(&self) -> &'static str {
-        if self.tracked { "following" } else { "fitting" }
-    }
-
-    /// The share of the job that is done after a share of this frame.
-    fn share(&self, of_frame: f64) -> f64 {
-        FITTING_PROGRESS.0
-            + (FITTING_PROGRESS.1 - FITTING_PROGRESS.0) * (self.number as f64 + of_frame) / self.count as f64
-    }
-
-    fn report(&self, progress: &dyn Progress, at: &ShellProgress) -> Result<()> {
-        if let Some(rms) = at.rms_points {
-            progress.rms(rms);
-        }
-        match self.tracked {
-            true => progress.items(self.number, "frames"),
-            false => progress.items(at.iteration, "iterations"),
-        }
-        progress.check(self.title(), self.share(at.share))
-    }
-
-    fn in_frame(&self, e: Error) -> Error {
-        if self.name.is_empty() {
-            e
-        } else if e.kind() == ErrorKind::Interrupted {
-            // An interruption is no failure of this frame. The user needs to know how many meshes are
-            // complete.
-            let (name, done) = (self.name, self.number);
-            Error::new(e.kind(), format!("interrupted in frame {name}: {done} frames are done"))
-        } else {
-            e.in_context(format!("frame {}", self.name))
         }
     }
 }
@@ -452,26 +394,24 @@ impl Run<'_> {
         let KnownMesh { mesh, sigma, observed, unit, .. } = *known;
         for output in &self.outputs[number] {
             let textured = TexturedMesh { unit: Some(unit), ..start.appearance.clone() };
-            match write_moved(output, &textured, &mesh.positions, Known { sigma, observed }, picture)? {
-                Some(files) => self.written.extend(files),
+            let files = write_moved(output, &textured, &mesh.positions, Known { sigma, observed }, picture)?;
+            let files = match files {
+                Some(files) => files,
                 None => {
                     // Without a texture, the mesh has σ and `observed` as columns.
                     write_known_mesh(output, known)?;
-                    self.written.push(output.clone());
+                    vec![output.clone()]
                 }
-            }
+            };
+            // Smoothed frames are written again.
+            let new: Vec<PathBuf> = files.into_iter().filter(|file| !self.written.contains(file)).collect();
+            self.written.extend(new);
         }
         Ok(())
     }
 
     /// The figures of the last frame, and the page.
-    fn finish(
-        self,
-        start: Start,
-        last: FittedFrame,
-        controls: usize,
-        frames: Vec<FrameReport>,
-    ) -> Result<ShellFitReport> {
+    fn finish(self, start: Start, last: FittedFrame, controls: usize) -> Result<ShellFitReport> {
         let FittedFrame { frame, fit, iou, sigma, observed } = last;
         let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
         // σ of vertices that only smoothness determines would hide how accurate the measured part is.
@@ -502,7 +442,7 @@ impl Run<'_> {
             unresolved_shape: fit.unresolved_shape,
             iterations: fit.iterations,
             flow: start.flow,
-            frames,
+            frames: self.of_frames,
             termination: match fit.termination {
                 _ if !inspection::follows(&fit, frame.states_sigma) => "not_following",
                 Termination::Converged => "converged",
@@ -512,7 +452,7 @@ impl Run<'_> {
             unit: self.units.unit(),
             inputs: self.inputs,
             written: self.written,
-            findings: self.findings,
+            findings: self.findings.into_iter().chain(self.unfollowed.into_iter().flatten()).collect(),
         };
         let trusts_sigma = self.job.believe_sigma;
         let outcome =
@@ -534,25 +474,6 @@ impl Run<'_> {
             page.write(shell_page(&done, &shown, std::slice::from_ref(&self.job.mesh)), &files)?;
         }
         Ok(done)
-    }
-}
-
-/// The figures of one frame of a sequence.
-fn frame_report(
-    name: &str,
-    fit: &ShellFit,
-    predicted: Option<DVector<f64>>,
-    iou: &BTreeMap<String, f64>,
-    sigma: &[f64],
-) -> FrameReport {
-    FrameReport {
-        frame: name.to_owned(),
-        rms_points: ReadingsReport::from_source(&fit.points).map(|r| r.rms),
-        rms_silhouettes_px: ReadingsReport::from_source(&fit.outlines).map(|r| r.rms),
-        iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
-        // In σ of all parameters together, so that the figure does not depend on the unit.
-        prediction_error: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
-        sigma: SigmaSummary::from_values(sigma.to_vec()).median,
     }
 }
 

@@ -81,6 +81,7 @@ fn scene(folder: &Path) -> ShellFitJob {
         points: Vec::new(),
         silhouettes: Some(folder.join("views.toml")),
         sequence: None,
+        causal: false,
         deformation: DeformationKind::Dirichlet,
         controls: Some(60),
         controls_file: None,

@@ -48,6 +48,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
         points: vec![folder.join("points.xyz")],
         silhouettes: None,
         sequence: None,
+        causal: false,
         deformation: DeformationKind::Dirichlet,
         controls: Some(20),
         controls_file: None,

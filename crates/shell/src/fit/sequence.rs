@@ -1,7 +1,7 @@
 //! Tracks a shell over frames: a Kalman filter of its parameters and their velocities.
 //!
 //! In: the readings of each frame. Out: the parameters of the frame and their covariance, given all frames up
-//! to it.
+//! to it; afterwards also given all frames ([`smoothing`]).
 //!
 //! The motion model is `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)` that are smooth
 //! over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone; the velocity after it has only the
@@ -27,6 +27,8 @@
 //!
 //! Not guaranteed: an object that moves farther between two frames than [`super::fit_shell`] can follow is
 //! lost.
+
+pub(super) mod smoothing;
 
 use super::dense::Factor;
 use super::{
@@ -97,6 +99,31 @@ pub struct ShellTracker<'a> {
     /// The mesh's size.
     size: f64,
     state: Option<Motion>,
+    /// What all frames so far have told, for the smoother.
+    past: Vec<PastFrame>,
+}
+
+/// A frame after it has been followed.
+struct PastFrame {
+    /// Parameters, then velocities, by the readings of all frames up to it.
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+    /// The noise of the motion that led to it; none for the first frame.
+    motion: Option<MotionNoise>,
+    /// Information and vector of its own readings.
+    information: DMatrix<f64>,
+    vector: DVector<f64>,
+    /// The parameters of its fit.
+    found: DVector<f64>,
+}
+
+/// The covariance of what moves a shell from one frame to the next: `c M` for each pair of parameters and
+/// velocities, times a share.
+#[derive(Clone, Copy)]
+struct MotionNoise {
+    /// `c`.
+    variance: f64,
+    shares: [[f64; 2]; 2],
 }
 
 /// Parameters, then velocities, by the readings alone.
@@ -147,6 +174,7 @@ impl<'a> ShellTracker<'a> {
             smooth,
             size: mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()),
             state: None,
+            past: Vec::new(),
         })
     }
 
@@ -180,6 +208,14 @@ impl<'a> ShellTracker<'a> {
             SHAPE_PRIOR_HALF_DECADES,
         );
         shapes.add((n, vector), 1.0, |weight| Some(self.shape_alone(weight)));
+        self.past = vec![PastFrame {
+            mean: mean.clone(),
+            covariance: joint.clone(),
+            motion: None,
+            information: n.clone(),
+            vector: vector.clone(),
+            found: fit.parameters.clone(),
+        }];
         self.state = Some(Motion {
             mean,
             covariance: joint,
@@ -214,11 +250,7 @@ impl<'a> ShellTracker<'a> {
         let Some(last) = &self.state else {
             return self.begin(readings, watch);
         };
-        let step = DMatrix::from_fn(2 * parameters, 2 * parameters, |i, j| {
-            f64::from(u8::from(i == j || j == i + parameters))
-        });
-        let mean = &step * &last.mean;
-        let mut joint = &step * &last.covariance * step.transpose();
+        let (mean, mut joint) = self.moved(&last.mean, &last.covariance, None);
         // Noise enters as an unknown velocity (coefficient 1) in the second frame, as an acceleration (½)
         // later.
         let of = if last.moves { [[0.25, 0.5], [0.5, 1.0]] } else { [[1.0, 1.0], [1.0, 1.0]] };
@@ -245,12 +277,8 @@ impl<'a> ShellTracker<'a> {
         let growing = of[0][0] * &self.smooth;
         motions.add((n, vector), MEMORY, |c| with_shape(&(&base + c * &growing), &own_mean, &shape));
         let acceleration = motions.most_likely();
-        for (i, row) in of.iter().enumerate() {
-            for (j, share) in row.iter().enumerate() {
-                let mut block = joint.view_mut((i * parameters, j * parameters), (parameters, parameters));
-                block += acceleration * *share * &self.smooth;
-            }
-        }
+        let noise = MotionNoise { variance: acceleration, shares: of };
+        self.add_noise(&mut joint, noise);
         let columns = joint.columns(0, parameters).into_owned();
         let own = columns.rows(0, parameters).into_owned();
         let prior = with_shape(&own, &own_mean, &shape).ok_or_else(undetermined)?;
@@ -279,15 +307,51 @@ impl<'a> ShellTracker<'a> {
         let gain = both.solve(n).ok_or_else(undetermined)?;
         let mean = mean + &columns * by_readings;
         let covariance = joint - &columns * gain * columns.transpose();
-        self.state = Some(Motion {
-            mean,
-            covariance: 0.5 * (&covariance + covariance.transpose()),
+        let covariance = 0.5 * (&covariance + covariance.transpose());
+        self.past.push(PastFrame {
+            mean: mean.clone(),
+            covariance: covariance.clone(),
+            motion: Some(noise),
+            information: fit.data_information.clone(),
+            vector: fit.data_vector.clone(),
             found: fit.parameters.clone(),
-            moves: true,
-            shapes,
-            motions,
         });
+        self.state =
+            Some(Motion { mean, covariance, found: fit.parameters.clone(), moves: true, shapes, motions });
         Ok(FrameFit { fit, predicted: Some(predicted), acceleration })
+    }
+
+    /// Parameters and velocities one frame later, with their covariance.
+    fn moved(
+        &self,
+        mean: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+        noise: Option<MotionNoise>,
+    ) -> (DVector<f64>, DMatrix<f64>) {
+        let step = self.step();
+        let mut joint = &step * covariance * step.transpose();
+        if let Some(noise) = noise {
+            self.add_noise(&mut joint, noise);
+        }
+        (step * mean, joint)
+    }
+
+    /// `q' = q + v`, `v' = v` as a matrix.
+    fn step(&self) -> DMatrix<f64> {
+        let parameters = self.deformation.parameters();
+        DMatrix::from_fn(2 * parameters, 2 * parameters, |i, j| {
+            f64::from(u8::from(i == j || j == i + parameters))
+        })
+    }
+
+    fn add_noise(&self, joint: &mut DMatrix<f64>, noise: MotionNoise) {
+        let parameters = self.deformation.parameters();
+        for (i, row) in noise.shares.iter().enumerate() {
+            for (j, share) in row.iter().enumerate() {
+                let mut block = joint.view_mut((i * parameters, j * parameters), (parameters, parameters));
+                block += noise.variance * *share * &self.smooth;
+            }
+        }
     }
 }
 

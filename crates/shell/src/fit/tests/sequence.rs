@@ -139,3 +139,62 @@ fn an_object_at_rest_in_the_first_frame_is_followed() {
         assert!(rms(&off) < 2.0 * SIGMA, "frame {frame}: {}", rms(&off));
     }
 }
+
+/// Given all frames, earlier ones are nearer to the truth than given those before, and σ is correct: of an
+/// object that is at rest first, of one that pauses, and of one that starts at once.
+#[test]
+fn later_frames_improve_earlier_ones() {
+    const SIGMA: f64 = 0.01;
+    const FRAMES: u64 = 7;
+    let mesh = icosphere(1.0, 3);
+    let controls = automatic_controls(&mesh, CONTROLS).unwrap();
+    let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
+    let k = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let options = ShellFitOptions { stiffness: Some(k), steps: 2, ..ShellFitOptions::default() };
+    let rest_first = |t: f64| 0.05 * (t - 2.0).max(0.0);
+    let pause = |t: f64| 0.05 * (t - (t - 2.0).clamp(0.0, 2.0));
+    let motions: [&dyn Fn(f64) -> f64; 3] = [&|t| 0.04 * t, &rest_first, &pause];
+    for (number, bend) in (0_u64..).zip(motions) {
+        let mut tracker = ShellTracker::new(&mesh, &deformation, options.clone()).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(60 + number);
+        let frames: Vec<(TriangleMesh, Vec<PointReading>)> = (0..FRAMES)
+            .map(|frame| {
+                let bend = bend(frame as f64);
+                let moved = controls.points.iter().flat_map(|p| [bend * p.z * p.z, 0.5 * bend * p.y, 0.0]);
+                let q = DVector::from_iterator(3 * controls.points.len(), moved);
+                let by = displacements(&deformation, &q);
+                let positions = mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect();
+                let truth = TriangleMesh { positions, triangles: mesh.triangles.clone() };
+                let points = noisy_points(&truth, 60, SIGMA, frame + 100 * number, &mut random);
+                (truth, points)
+            })
+            .collect();
+        let followed: Vec<ShellFit> = (frames.iter())
+            .map(|(_, points)| {
+                tracker.follow(&ShellReadings { points, ..ShellReadings::default() }).unwrap().fit
+            })
+            .collect();
+        let smoothed = tracker.smoothed().unwrap();
+        // Errors and σ along the normals, over all frames but the last, which has no later ones.
+        let mut sums = [[0.0; 2]; 2];
+        for (frame, (truth, points)) in frames.iter().enumerate().take(FRAMES as usize - 1) {
+            let readings = ShellReadings { points, ..ShellReadings::default() };
+            let again = smoothed.fit(frame, &readings, &mut |_| Ok(())).unwrap().unwrap();
+            let normals = truth.vertex_normals();
+            for (fit, [error, variance]) in [&followed[frame], &again].into_iter().zip(&mut sums) {
+                for (v, p) in fit.positions.iter().enumerate() {
+                    *error += (*p - truth.positions[v]).dot(normals[v]).powi(2);
+                    *variance += fit.sigma_along(&deformation, v as u32, normals[v]).powi(2);
+                }
+            }
+        }
+        let [[before, before_stated], [after, after_stated]] = sums;
+        let ratios = [before / before_stated, after / after_stated].map(f64::sqrt);
+        println!(
+            "motion {number}: error {:.3} of the filtered one; over σ {ratios:.2?}",
+            (after / before).sqrt()
+        );
+        assert!(after < before, "motion {number}");
+        assert!((0.7..1.3).contains(&ratios[1]), "motion {number}: {ratios:?}");
+    }
+}
