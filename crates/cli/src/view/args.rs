@@ -68,8 +68,9 @@ pub struct ViewArgs {
     /// Quantity shown by colour [default: deviation if there is a reference, else σ]
     ///
     /// If a file has no σ, another quantity of the file is shown. Models have a level and curvatures; points
-    /// have a scan and a height. `rgb` are the colours of the file: the texture of an OBJ or GLB file, or red,
-    /// green and blue of the vertices of a PLY file. Pages show a texture by its colours at the vertices.
+    /// have a scan and a height. `rgb` are the colours of the file: the texture of an OBJ or GLB file, or
+    /// red, green and blue of the vertices of a PLY file. Pages show a texture by its colours at the
+    /// vertices.
     #[arg(
         long,
         // Both spellings: the library writes "colour", and most programs write "color".

@@ -197,8 +197,8 @@ fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
     }
 }
 
-/// Fits, and writes the outputs. Frames of a sequence are written when they have been followed, and again when
-/// they have been smoothed; if it is interrupted, those are kept that are written.
+/// Fits, and writes the outputs. Frames of a sequence are written when they have been followed, and again
+/// when they have been smoothed; if it is interrupted, those are kept that are written.
 fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
     let frames = frames_of(job)?;
     let mut run = Run {

@@ -18,8 +18,8 @@ use std::path::Path;
 /// Names of columns with red, green and blue.
 const NAMES: [[&str; 3]; 2] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
 
-/// The colours of vertices from their columns, if there are any. Integers count to 255 or 65535, other numbers
-/// to 1, as the largest value shows.
+/// The colours of vertices from their columns, if there are any. Integers count to 255 or 65535, other
+/// numbers to 1, as the largest value shows.
 pub(super) fn vertex_colours(columns: &[(String, Vec<f64>)]) -> Option<Vec<f64>> {
     let of = |name: &str| columns.iter().find(|(own, _)| own == name).map(|(_, values)| values.as_slice());
     let [r, g, b] = NAMES.iter().find_map(|names| {
@@ -78,7 +78,8 @@ impl Texture {
         Ok((Some(Self { picture, triangles: mesh.triangles.clone(), uv }), file.findings))
     }
 
-    /// The colour at a place of a triangle, given by weights of its corners; none without texture coordinates.
+    /// The colour at a place of a triangle, given by weights of its corners; none without texture
+    /// coordinates.
     pub(super) fn colour(&self, triangle: usize, weights: [f64; 3]) -> Option<Colour> {
         let corners = self.uv[triangle]?;
         let at = |axis: usize| (0..3).map(|k| weights[k] * corners[k][axis]).sum::<f64>();

@@ -14,8 +14,8 @@ use planish_surface::export::KnownMesh;
 use planish_surface::model::SigmaSummary;
 use std::collections::BTreeMap;
 
-/// Share of the time of a sequence after which its frames have been followed: a frame is fitted twice then, and
-/// once when it is smoothed.
+/// Share of the time of a sequence after which its frames have been followed: a frame is fitted twice then,
+/// and once when it is smoothed.
 const FOLLOWING_SHARE: f64 = 0.67;
 
 /// What is the same for all frames.

@@ -4,8 +4,8 @@
 //! prior from all other frames.
 //!
 //! A backward pass gives parameters and velocities by the readings of all frames (the smoother of Rauch, Tung
-//! and Striebel): with the estimate `x, P` of a frame, the prediction `x⁻, P⁻` of the next one and its smoothed
-//! estimate `xˢ, Pˢ`,
+//! and Striebel): with the estimate `x, P` of a frame, the prediction `x⁻, P⁻` of the next one and its
+//! smoothed estimate `xˢ, Pˢ`,
 //!
 //! `x + G (xˢ − x⁻)`, `P + G (Pˢ − P⁻) Gᵀ`, `G = P Fᵀ (P⁻)⁻¹`.
 //!
@@ -38,8 +38,8 @@ pub struct SmoothedMotion<'a, 't> {
 }
 
 impl<'t> ShellTracker<'t> {
-    /// The motion by all frames so far. Memory: each frame keeps 3.6 MB with 100 controls, and four times that
-    /// with twice as many.
+    /// The motion by all frames so far. Memory: each frame keeps 3.6 MB with 100 controls, and four times
+    /// that with twice as many.
     ///
     /// # Errors
     /// `Undetermined` if the motion between two frames has no covariance.
