@@ -129,7 +129,7 @@ impl SurfaceSystem {
                 points.spread(&values)
             })
             .collect();
-        self.space().sparse_extraction().gather(&of_leaves)
+        self.space().sparse_extraction().gather(&of_leaves, self.space().node_count())
     }
 }
 

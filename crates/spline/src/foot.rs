@@ -15,6 +15,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_core::vector3::as_arrays;
 use planish_core::{DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
+use rayon::prelude::*;
 
 /// The foot point of a measured point.
 #[derive(Debug, Clone, Copy)]
@@ -433,21 +434,18 @@ impl FootPointSearch {
         let space = surface.space();
         // Positions alone cannot distinguish the two sides of a thin wall, so normals may take part in the
         // search.
-        let (mut samples, mut normals, mut parameters) = (Vec::new(), Vec::new(), Vec::new());
-        for leaf in 0..space.leaves().len() {
-            for b in 0..per_side {
-                for a in 0..per_side {
-                    let local = [a, b].map(|k| (k as f64 + 0.5) / per_side as f64);
-                    let jet = surface.leaf_jet(leaf, local[0], local[1]);
-                    let normal = jet.normal().unwrap_or_default();
-                    if jet.point.is_finite() && normal.is_finite() {
-                        samples.push(jet.point);
-                        normals.push(normal);
-                        parameters.push(space.parameters(leaf, local));
-                    }
-                }
-            }
-        }
+        let of_leaf = |leaf: usize| {
+            (0..per_side * per_side).filter_map(move |k| {
+                let local = [k % per_side, k / per_side].map(|k| (k as f64 + 0.5) / per_side as f64);
+                let jet = surface.leaf_jet(leaf, local[0], local[1]);
+                let normal = jet.normal().unwrap_or_default();
+                (jet.point.is_finite() && normal.is_finite())
+                    .then(|| ((jet.point, normal), space.parameters(leaf, local)))
+            })
+        };
+        let leaves = (0..space.leaves().len()).into_par_iter().with_min_len(256);
+        let ((samples, normals), parameters): ((Vec<DVec3>, Vec<DVec3>), Vec<[f64; 2]>) =
+            leaves.flat_map_iter(of_leaf).unzip();
         if samples.is_empty() {
             return Err(Error::undetermined("the surface has no usable sample"));
         }

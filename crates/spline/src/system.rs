@@ -20,6 +20,8 @@ use std::sync::{Arc, OnceLock};
 /// Number of leaves whose elements are computed in parallel before they are added in order to the global
 /// matrix. Trades memory against parallel work.
 const BATCH: usize = 256;
+/// Columns of a matrix that a thread restricts at a time.
+const COLUMNS: usize = 512;
 
 /// Sparse equations over the nodes of a hierarchy.
 #[derive(Debug, Clone)]
@@ -228,7 +230,7 @@ impl SurfaceSystem {
     }
 
     /// Adds a matrix and a vector over the unknowns of each leaf, computed in parallel by batches and added
-    /// in order. `scratch` creates the buffers that a thread reuses.
+    /// in order, while the next batch is computed. `scratch` creates the buffers that a thread reuses.
     fn add_elements<S>(
         &self,
         information: &mut BlockInformation,
@@ -236,19 +238,26 @@ impl SurfaceSystem {
         scratch: impl Fn() -> S + Sync,
         element: impl Fn(&mut S, usize) -> Option<(Vec<f64>, Vec<f64>)> + Sync,
     ) -> Result<()> {
-        for (number, scatters) in scatters.chunks(BATCH).enumerate() {
-            let elements: Vec<_> = (0..scatters.len())
+        let elements = |first: usize| -> Vec<Option<(Vec<f64>, Vec<f64>)>> {
+            (first..scatters.len().min(first + BATCH))
                 .into_par_iter()
                 .with_min_len(16)
-                .map_init(&scratch, |scratch, k| element(scratch, number * BATCH + k))
-                .collect();
+                .map_init(&scratch, &element)
+                .collect()
+        };
+        let mut ready = elements(0);
+        for (number, scatters) in scatters.chunks(BATCH).enumerate() {
             // Additions of floating-point numbers are not associative, so the elements are added serially in
             // their order.
-            for (scatter, element) in scatters.iter().zip(&elements) {
-                if let Some((matrix, vector)) = element {
-                    information.add_scattered(scatter, matrix, vector)?;
-                }
-            }
+            let add = || {
+                scatters.iter().zip(&ready).try_for_each(|(scatter, element)| match element {
+                    Some((matrix, vector)) => information.add_scattered(scatter, matrix, vector),
+                    None => Ok(()),
+                })
+            };
+            let (next, added) = rayon::join(|| elements((number + 1) * BATCH), add);
+            added?;
+            ready = next;
         }
         Ok(())
     }
@@ -266,28 +275,40 @@ impl SurfaceSystem {
         let mut out = BlockInformation::zeros(Arc::clone(pattern), 1, 1)?;
         let values = information.values();
         let scalar = information.block_size() == 1;
-        for column in 0..pattern.nodes() {
-            for (to, &row) in pattern.column_range(column).zip(pattern.column(column)) {
-                let (a, b) = (directions[row as usize], directions[column]);
-                let [of_row, of_column] = [row as usize, column].map(|k| self.space.node_of_unknown(k));
-                // Both patterns are the same up to the first further unknown.
-                let from = match Arc::ptr_eq(pattern, &self.pattern) {
-                    true => to,
-                    false => self.pattern.position(of_row as u32, of_column as u32).ok_or_else(|| {
-                        Error::input(format!("nodes {of_row} and {of_column} share no leaf"))
-                    })?,
-                };
-                if scalar {
-                    out.values_mut()[to] = values[from] * a.dot(b);
-                    continue;
-                }
-                let block = &values[9 * from..9 * from + 9];
-                // Blocks below the diagonal are stored.
-                let (a, b) = if of_row < of_column { (b, a) } else { (a, b) };
-                out.values_mut()[to] = (0..3)
-                    .map(|r| a[r] * DVec3::new(block[3 * r], block[3 * r + 1], block[3 * r + 2]).dot(b))
-                    .sum();
+        let entry = |to: usize, row: u32, column: usize| -> Result<f64> {
+            let (a, b) = (directions[row as usize], directions[column]);
+            let [of_row, of_column] = [row as usize, column].map(|k| self.space.node_of_unknown(k));
+            // Both patterns are the same up to the first further unknown.
+            let from = match Arc::ptr_eq(pattern, &self.pattern) {
+                true => to,
+                false => self
+                    .pattern
+                    .position(of_row as u32, of_column as u32)
+                    .ok_or_else(|| Error::input(format!("nodes {of_row} and {of_column} share no leaf")))?,
+            };
+            if scalar {
+                return Ok(values[from] * a.dot(b));
             }
+            let block = &values[9 * from..9 * from + 9];
+            // Blocks below the diagonal are stored.
+            let (a, b) = if of_row < of_column { (b, a) } else { (a, b) };
+            Ok((0..3)
+                .map(|r| a[r] * DVec3::new(block[3 * r], block[3 * r + 1], block[3 * r + 2]).dot(b))
+                .sum())
+        };
+        let parts: Vec<Vec<f64>> = (0..pattern.nodes().div_ceil(COLUMNS))
+            .into_par_iter()
+            .map(|part| {
+                let columns = part * COLUMNS..pattern.nodes().min((part + 1) * COLUMNS);
+                let of_column = |column: usize| pattern.column_range(column).zip(pattern.column(column));
+                columns
+                    .flat_map(|column| of_column(column).map(move |(to, &row)| (to, row, column)))
+                    .map(|(to, row, column)| entry(to, row, column))
+                    .collect()
+            })
+            .collect::<Result<_>>()?;
+        for (to, value) in out.values_mut().iter_mut().zip(parts.iter().flatten()) {
+            *to = *value;
         }
         for (unknown, (to, d)) in out.vector_mut().iter_mut().zip(directions).enumerate() {
             let eta = &information.vector()[3 * self.space.node_of_unknown(unknown)..][..3];
@@ -382,8 +403,7 @@ impl SurfaceSystem {
         self.accumulate(|leaf, cell| {
             let side = self.space.leaves()[leaf].side();
             for q in quadrature() {
-                let [u, v] = self.space.parameters(leaf, q.local);
-                let jet = reference.jet(u, v);
+                let jet = reference.leaf_jet(leaf, q.local[0], q.local[1]);
                 let Some(n) = jet.normal() else { continue };
                 let [e, _, g] = jet.first_form();
                 // The shorter side of the leaf, but at least a tenth of the longer one: slivers at poles

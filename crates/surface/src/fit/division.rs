@@ -38,6 +38,9 @@ pub(super) fn all_corners(mut leaves: Vec<(usize, f64)>, cause: Cause) -> Vec<Mi
         .collect()
 }
 
+/// Nodes that the division of a leaf adds, with those of leaves that grading divides. More are counted.
+const NODES_OF_DIVISION: usize = 16;
+
 /// The deepest level that is allowed.
 pub(super) fn deepest(options: &FitOptions) -> u8 {
     options.max_depth.map_or(MAX_DEPTH, |depth| MAX_DEPTH.min(depth))
@@ -57,8 +60,14 @@ pub(super) fn divided_within_budget(
 ) -> (Hierarchy, usize) {
     let marked = |count: usize| blocks(space, &misfits[..count]);
     let nodes = |count: usize| space.refined_node_count(&marked(count));
-    if nodes(misfits.len()) <= max_nodes {
-        return (space.refine(&marked(misfits.len())), misfits.len());
+    let all = marked(misfits.len());
+    // A hierarchy that is far from the limit needs no count before it is made.
+    let is_near = space.node_count() + NODES_OF_DIVISION * all.len() > max_nodes;
+    if !is_near || space.refined_node_count(&all) <= max_nodes {
+        let finer = space.refine(&all);
+        if finer.node_count() <= max_nodes {
+            return (finer, misfits.len());
+        }
     }
     // Bisection: grading adds leaves around divided ones, so the nodes of a refinement are only known by
     // counting.

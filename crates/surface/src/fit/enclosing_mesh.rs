@@ -16,6 +16,7 @@ use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{TriangleMesh, isosurface};
 use planish_sense::Neighbourhoods;
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Most grid cells along each side. A complex grid then takes 113 MB.
@@ -103,35 +104,45 @@ enum LevelSets {
 /// The level set on one grid, if one has the topology.
 fn steady_level_set(points: &[DVec3], normals: &[DVec3], wanted: Handles, cells: usize) -> Result<LevelSets> {
     let indicator = Indicator::on_grid(points, normals, cells);
+    let blurs = BLURS.map(|blur| MIN_BLUR_CELLS * blur * indicator.cell());
     // Coarser cells join the sides of thin walls: that of a cup of two cells had 7 to 11 handles, not 1.
-    let level_set_at = |blur: f64| -> Result<(TriangleMesh, Option<BodiesAndHandles>)> {
-        let field = indicator.blurred(blur);
+    let level_set_of = |field: BlurredIndicator| -> Result<(TriangleMesh, Option<BodiesAndHandles>)> {
         let mesh = level_set(&field, field.level(points), field.cell())?;
         let own = bodies_and_handles(&mesh);
         Ok((mesh, own))
     };
-    let blurs = BLURS.map(|blur| MIN_BLUR_CELLS * blur * indicator.cell());
-    // The numbers of all blurs so far, and the mesh of the last one.
-    let mut seen: Vec<Option<BodiesAndHandles>> = Vec::new();
-    let mut last: Option<TriangleMesh> = None;
+    // In pairs: parts of a level set are found by one thread, and those of both at a time.
+    let pair_from = |k: usize| -> Result<[(TriangleMesh, Option<BodiesAndHandles>); 2]> {
+        let [first, second] = [k, k + 1].map(|k| indicator.blurred(blurs[k]));
+        let (first, second) = rayon::join(|| level_set_of(first), || level_set_of(second));
+        Ok([first?, second?])
+    };
+    let (mut meshes, mut seen): (Vec<TriangleMesh>, Vec<Option<BodiesAndHandles>>) = (Vec::new(), Vec::new());
     let is_wanted = |own: Option<BodiesAndHandles>, before: Option<BodiesAndHandles>| match wanted {
         Handles::Exactly(number) => own.is_some_and(|own| own.genus == number),
         Handles::AsSeen => own.is_some() && own == before,
     };
-    for (k, &blur) in blurs.iter().enumerate() {
-        let (mesh, own) = level_set_at(blur)?;
-        let before = seen.last().copied().flatten();
-        seen.push(own);
-        if is_wanted(own, before) {
-            let (first, mesh) = match (wanted, last) {
-                (Handles::AsSeen, Some(finer)) => (k - 1, finer),
-                _ => (k, mesh),
+    for k in 0..blurs.len() {
+        if k == seen.len() {
+            for (mesh, own) in pair_from(k)? {
+                meshes.push(mesh);
+                seen.push(own);
+            }
+        }
+        let own = seen[k];
+        if is_wanted(own, k.checked_sub(1).and_then(|before| seen[before])) {
+            let first = match wanted {
+                Handles::AsSeen => k.saturating_sub(1),
+                Handles::Exactly(_) => k,
             };
+            let mesh = meshes.swap_remove(first);
+            drop(meshes);
             let mut until = k;
             while until + 1 < blurs.len() {
-                let (_, next) = level_set_at(blurs[until + 1])?;
-                seen.push(next);
-                if next != own {
+                if until + 1 == seen.len() {
+                    seen.extend(pair_from(until + 1)?.map(|(_, own)| own));
+                }
+                if seen[until + 1] != own {
                     break;
                 }
                 until += 1;
@@ -141,7 +152,6 @@ fn steady_level_set(points: &[DVec3], normals: &[DVec3], wanted: Handles, cells:
             let margin = TopologyMargin { smoothing: [blurs[first], blurs[until]], weaker, stronger };
             return Ok(LevelSets::Steady(EnclosingMesh { mesh, margin }));
         }
-        last = Some(mesh);
     }
     let text = |own: &Option<BodiesAndHandles>| own.map_or("unknown".to_owned(), |own| own.genus.to_string());
     Ok(LevelSets::Unsteady(seen.iter().map(text).collect()))
@@ -150,7 +160,7 @@ fn steady_level_set(points: &[DVec3], normals: &[DVec3], wanted: Handles, cells:
 /// Grid cells along each side: about one for the median spacing of points.
 fn grid_cells(points: &[DVec3]) -> Result<usize> {
     let near = Neighbourhoods::new(points, NEIGHBOURS)?;
-    let mut spacings: Vec<f64> = (0..points.len()).map(|i| near.spacing(i)).collect();
+    let mut spacings: Vec<f64> = (0..points.len()).into_par_iter().map(|i| near.spacing(i)).collect();
     let middle = spacings.len() / 2;
     let spacing = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
     let cells = Indicator::grid_side(points) / spacing.max(f64::MIN_POSITIVE);

@@ -174,8 +174,11 @@ impl ResidualsByLeaf {
         };
         let agrees = |k: &usize| observations.readings.on_surface[readings.subset[*k] as usize];
         // Of each leaf, the readings and those that agree with their neighbours.
-        let tallies: Vec<[usize; 2]> =
-            (0..leaves).map(|leaf| [good(leaf).count(), good(leaf).filter(agrees).count()]).collect();
+        let tallies: Vec<[usize; 2]> = (0..leaves)
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|leaf| [good(leaf).count(), good(leaf).filter(agrees).count()])
+            .collect();
         let has_gross_errors = |leaf: usize| {
             let [all, agreeing] = tallies[leaf];
             if agreeing == all {
@@ -185,19 +188,28 @@ impl ResidualsByLeaf {
             let [all, agreeing] = [0, 1].map(|i| near.iter().map(|&k| tallies[k][i]).sum::<usize>());
             agreeing as f64 > MIN_AGREEING * all as f64
         };
-        let mut found = Self { values: Vec::new(), start: vec![0], sums: Vec::with_capacity(leaves) };
-        for leaf in 0..leaves {
-            let mut sums = Sums::default();
+        let of_leaf = |leaf: usize| -> (Vec<Residual>, Sums) {
             let only_agreeing = has_gross_errors(leaf);
-            for k in good(leaf).filter(|k| !only_agreeing || agrees(k)) {
-                let variance = noise.variance_factors[readings.channel(k)] * feet[k].variance;
-                if variance > 0.0 {
-                    let residual = Residual { height: feet[k].height(), variance };
-                    let square = residual.height * residual.height / variance;
-                    sums = sums + Sums { count: 1, square, log_variance: variance.ln() };
-                    found.values.push(residual);
-                }
-            }
+            let residuals: Vec<Residual> = good(leaf)
+                .filter(|k| !only_agreeing || agrees(k))
+                .map(|k| Residual {
+                    height: feet[k].height(),
+                    variance: noise.variance_factors[readings.channel(k)] * feet[k].variance,
+                })
+                .filter(|residual| residual.variance > 0.0)
+                .collect();
+            let sums = residuals.iter().fold(Sums::default(), |sums, Residual { height, variance }| {
+                let square = height * height / variance;
+                sums + Sums { count: 1, square, log_variance: variance.ln() }
+            });
+            (residuals, sums)
+        };
+        let made: Vec<(Vec<Residual>, Sums)> =
+            (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect();
+        let mut found =
+            Self { values: Vec::with_capacity(feet.len()), start: vec![0], sums: Vec::with_capacity(leaves) };
+        for (residuals, sums) in made {
+            found.values.extend(residuals);
             found.start.push(found.values.len());
             found.sums.push(sums);
         }

@@ -13,6 +13,7 @@ use super::noise::SensorNoise;
 use crate::observe::{Foot, FootState, ProjectedReadings, Quantity, by_leaf};
 use crate::subdivision::Cause;
 use planish_spline::{Hierarchy, Surface};
+use rayon::prelude::*;
 
 /// Bins along each side of a leaf in which residuals are averaged to find shape that the leaf cannot follow.
 ///
@@ -228,7 +229,8 @@ pub(super) fn misfit(
     // A fit with `k` degrees of freedom lowers χ², and with it the sum of products, by about `k`.
     let removed = degrees / measured.max(1) as f64;
     let quarters: Vec<(f64, f64)> = residuals
-        .iter()
+        .par_iter()
+        .with_min_len(64)
         .map(|r| {
             let (shape, pairs) = r.shared_shape(|bin| Some(LeafResiduals::quarter(bin)));
             (shape + removed.min(MAX_RESTORED * pairs), pairs)
@@ -315,6 +317,8 @@ fn residuals_by_leaf(
         .unwrap_or(1)
         .min(COUNTED_NUMBERS);
     (0..space.leaves().len())
+        .into_par_iter()
+        .with_min_len(64)
         .map(|leaf| {
             let own = order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize);
             let good = own

@@ -33,6 +33,7 @@ use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Hierarchy, Surface, SurfaceSystem};
 use std::collections::HashSet;
+use std::sync::Arc;
 
 /// Minimum and maximum number of iterations of an early round.
 const FINDING_ITERATIONS: usize = 2;
@@ -230,10 +231,14 @@ pub(super) fn refine_to_noise(
     };
     for number in 0.. {
         let round = Round { number, is_last, iteration: 0 };
-        // One pattern and one elimination order serve all steps of a round.
-        let system = SurfaceSystem::new(state.surface.space())?;
+        // One pattern and one elimination order serve all steps of a round. They are found by one thread,
+        // feet by the others.
+        let space = Arc::clone(state.surface.space());
         let sample = state.sample(round);
-        state.find_parameters(&sample, round)?;
+        let (system, found) =
+            rayon::join(|| SurfaceSystem::new(&space), || state.find_parameters(&sample, round));
+        found?;
+        let system = system?;
         let factor = state.iterate(&system, &sample, round, progress)?;
         if is_last {
             let fit = state.converged(system)?;

@@ -53,6 +53,8 @@ const MIN_SAMPLED_ISLAND: usize = 4;
 const MIN_FOR_ISLANDS: usize = 100;
 /// Readings near a place that are examined. Within the reach are 20 of evenly spread readings.
 const CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(31);
+/// Readings that are examined first. Inside of the data they suffice.
+const FIRST_CANDIDATES: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(7);
 /// Readings whose spacing is computed; the others have that of the nearest of these. Spacing varies slowly.
 const MAX_SAMPLE: usize = 20_000;
 /// Neighbours that must be enclosed themselves to show the radius that encloses a reading.
@@ -205,8 +207,14 @@ impl Supporters {
         if nearest.distance.sqrt() <= reach * self.spacing[k] && self.normals[k].dot(normal) >= SAME_SIDE {
             return true;
         }
+        // Farther readings take no support away, so a few that suffice decide.
+        self.is_supported_by(p, normal, FIRST_CANDIDATES) || self.is_supported_by(p, normal, CANDIDATES)
+    }
+
+    /// Whether the nearest readings, of a number, support a place with the given normal.
+    fn is_supported_by(&self, p: DVec3, normal: DVec3, count: NonZero<usize>) -> bool {
         let (e1, e2) = tangents(normal);
-        let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(CANDIDATES).execute();
+        let near = self.tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(count).execute();
         let mut directions = Vec::with_capacity(near.len());
         // Readings beyond an edge show that the data do not end there, though they support no place before
         // it.
@@ -305,12 +313,12 @@ fn own_spacings(tree: &ImmutableKdTree<f64, 3>, points: &[DVec3], p: DVec3, norm
         .collect();
     let Some(&(farthest, _)) = others.last() else { return OwnSpacings::default() };
     let count = others.len().min(SPACING_NEIGHBOUR);
+    let mut all: Vec<f64> = others.iter().map(|(_, to)| to.dot(e2).atan2(to.dot(e1))).collect();
     let mut directions = Vec::with_capacity(others.len());
-    let enclosing = others.iter().find_map(|(distance, to)| {
-        directions.push(to.dot(e2).atan2(to.dot(e1)));
+    let enclosing = others.iter().zip(&all).find_map(|((distance, _), direction)| {
+        directions.push(*direction);
         (widest_gap(&mut directions) < PI).then_some(*distance)
     });
-    let mut all: Vec<f64> = others.iter().map(|(_, to)| to.dot(e2).atan2(to.dot(e1))).collect();
     let spacing = others[count - 1].0 * (PI / count as f64).sqrt();
     OwnSpacings { spacing, enclosing, farthest, gap: widest_gap(&mut all) }
 }

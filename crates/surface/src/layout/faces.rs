@@ -107,20 +107,20 @@ pub(super) fn renumbered_with_numbers<const N: usize>(
 pub(super) struct Faces {
     faces: Vec<Option<Face>>,
     count: usize,
-    /// The face at the left of each directed edge.
-    left: EdgeMap<u32>,
-    /// Neighbours of each vertex.
+    /// Neighbours of each vertex. They are few, so a search among them is faster than a map of edges.
     around: Vec<Vec<u32>>,
+    /// The face at the left of the edge to each neighbour, in the same order.
+    left: Vec<Vec<u32>>,
 }
 
 impl Faces {
     /// Triangles of a closed oriented manifold.
     pub(super) fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
         let mut own = Self {
-            faces: Vec::new(),
+            faces: Vec::with_capacity(triangles.len()),
             count: 0,
-            left: EdgeMap::default(),
             around: vec![Vec::new(); vertices],
+            left: vec![Vec::new(); vertices],
         };
         triangles.iter().for_each(|&triangle| {
             own.add(Face::triangle(triangle));
@@ -131,42 +131,48 @@ impl Faces {
     fn add(&mut self, face: Face) -> u32 {
         let number = self.faces.len() as u32;
         for (a, b) in face.edges() {
-            self.left.insert((a, b), number);
             self.around[a as usize].push(b);
+            self.left[a as usize].push(number);
         }
         self.faces.push(Some(face));
         self.count += 1;
         number
     }
 
+    /// The place of a neighbour among those of a vertex.
+    fn place(&self, a: u32, b: u32) -> Option<usize> {
+        self.around[a as usize].iter().position(|&w| w == b)
+    }
+
     fn remove(&mut self, number: u32) {
         let Some(face) = self.faces[number as usize].take() else { return };
         self.count -= 1;
         for (a, b) in face.edges() {
-            self.left.remove(&(a, b));
-            self.around[a as usize].retain(|&w| w != b);
+            if let Some(place) = self.place(a, b) {
+                self.around[a as usize].remove(place);
+                self.left[a as usize].remove(place);
+            }
         }
     }
 
     /// Puts faces in the place of others and returns the number of the first. None, without a change, if the
     /// border would not be the same, an edge had more than two faces, or a face a corner twice.
     pub(super) fn replace(&mut self, old: &[u32], new: &[Face]) -> Option<u32> {
-        let of = |faces: &mut dyn Iterator<Item = (u32, u32)>| {
-            let mut all: Vec<(u32, u32)> = faces.collect();
+        let sorted = |mut all: Vec<(u32, u32)>| {
             all.sort_unstable();
             all
         };
-        let before =
-            of(&mut old.iter().filter_map(|&f| self.face(f)).flat_map(|f| f.edges().collect::<Vec<_>>()));
-        let after = of(&mut new.iter().flat_map(Face::edges));
+        let mut before = Vec::with_capacity(4 * old.len());
+        old.iter().filter_map(|&f| self.face(f)).for_each(|face| before.extend(face.edges()));
+        let before = sorted(before);
+        let after = sorted(new.iter().flat_map(Face::edges).collect());
         let has = |all: &[(u32, u32)], edge| all.binary_search(&edge).is_ok();
-        let border = |all: &[(u32, u32)]| -> Vec<(u32, u32)> {
-            all.iter().copied().filter(|&(a, b)| !has(all, (b, a))).collect()
-        };
+        let on_border = |all: &[(u32, u32)], &(a, b): &(u32, u32)| !has(all, (b, a));
         let is_manifold = new.iter().all(Face::is_proper)
             && after.windows(2).all(|pair| pair[0] != pair[1])
-            && after.iter().all(|edge| has(&before, *edge) || !self.left.contains_key(edge))
-            && border(&before) == border(&after);
+            && after.iter().all(|edge| has(&before, *edge) || !self.are_joined(edge.0, edge.1))
+            && (before.iter().filter(|edge| on_border(&before, edge)))
+                .eq(after.iter().filter(|edge| on_border(&after, edge)));
         if !is_manifold {
             return None;
         }
@@ -201,28 +207,33 @@ impl Faces {
     /// A new vertex without faces.
     pub(super) fn add_vertex(&mut self) -> u32 {
         self.around.push(Vec::new());
+        self.left.push(Vec::new());
         self.around.len() as u32 - 1
     }
 
     /// The faces around a vertex, with their numbers.
     pub(super) fn around(&self, v: u32) -> impl Iterator<Item = (u32, Face)> + '_ {
-        self.neighbours(v).iter().filter_map(move |&w| self.left_of(v, w))
+        self.left[v as usize].iter().filter_map(move |&number| Some((number, self.face(number)?)))
     }
 
     /// The face at the left of an edge, with its number.
     pub(super) fn left_of(&self, a: u32, b: u32) -> Option<(u32, Face)> {
-        let number = *self.left.get(&(a, b))?;
+        let number = self.left[a as usize][self.place(a, b)?];
         self.face(number).map(|face| (number, face))
     }
 
     pub(super) fn are_joined(&self, a: u32, b: u32) -> bool {
-        self.left.contains_key(&(a, b))
+        self.around[a as usize].contains(&b)
     }
 
     /// Edges in ascending order, from the smaller end to the larger one.
     pub(super) fn edges(&self) -> Vec<(u32, u32)> {
-        let mut all: Vec<(u32, u32)> = self.left.keys().copied().filter(|(a, b)| a < b).collect();
-        all.sort_unstable();
+        let mut all = Vec::with_capacity(self.count * 2);
+        for (a, neighbours) in (0_u32..).zip(&self.around) {
+            let first = all.len();
+            all.extend(neighbours.iter().filter(|b| a < **b).map(|&b| (a, b)));
+            all[first..].sort_unstable();
+        }
         all
     }
 

@@ -72,21 +72,24 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     let StepInput { system, surface, feet, information, channels, prior, weight, earlier, damping } = *input;
     let directions = surface.directions();
     let (start, order) = by_leaf(feet, system.space().leaves().len());
-    let mut data = system.accumulate_along(&directions, |leaf, add| {
-        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
-            let (foot, w) = (&feet[k as usize], information[k as usize]);
-            if w > 0.0 {
-                foot.rows(surface, |r, row| add(row, foot.normal, foot.residuals[r], w));
+    let data = || {
+        system.accumulate_along(&directions, |leaf, add| {
+            for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
+                let (foot, w) = (&feet[k as usize], information[k as usize]);
+                if w > 0.0 {
+                    foot.rows(surface, |r, row| add(row, foot.normal, foot.residuals[r], w));
+                }
             }
-        }
-    })?;
+        })
+    };
+    let of_prior = || -> Result<_> { Ok((pull_of_prior(input)?, system.contract(prior, &directions)?)) };
+    let (data, of_prior) = rayon::join(data, of_prior);
+    let (mut data, (pull, mut matrix)) = (data?, of_prior?);
     // Degrees of freedom and the part that readings see are those of the new readings alone.
     let readings = earlier.map(|_| data.clone());
-    let pull = pull_of_prior(input)?;
     if let Some(earlier) = earlier {
         data.add_scaled(&system.contract(earlier, &directions)?, 1.0)?;
     }
-    let mut matrix = system.contract(prior, &directions)?;
     for value in matrix.values_mut() {
         *value *= weight;
     }

@@ -28,6 +28,8 @@ const FEW_COST: f64 = 0.6;
 const ENOUGH: f64 = 8.0;
 /// Angles between the patches of neighbours from which they disagree, and disagree fully.
 const JUMP_ANGLES: [f64; 2] = [0.14, 0.45];
+/// Cosine of an angle below the first of these. It is found without an arc tangent.
+const AGREEING_COSINE: f64 = 0.9904;
 /// What full disagreement with a neighbour costs.
 const JUMP_COST: f64 = 0.12;
 const ROUNDS: usize = 4;
@@ -145,6 +147,9 @@ fn jump_between(sides: &[Option<Side>], i: u32, j: u32, at: DVec3) -> f64 {
     }
     let (Some(a), Some(b)) = (&sides[i as usize], &sides[j as usize]) else { return 0.0 };
     let [m, n] = [a, b].map(|side| side.patch.distance(at).1);
+    if m.dot(n) > AGREEING_COSINE {
+        return 0.0;
+    }
     let angle = m.cross(n).length().atan2(m.dot(n));
     ((angle - JUMP_ANGLES[0]) / (JUMP_ANGLES[1] - JUMP_ANGLES[0])).clamp(0.0, 1.0)
 }
