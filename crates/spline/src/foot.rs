@@ -444,8 +444,9 @@ impl FootPointSearch {
             })
         };
         let leaves = (0..space.leaves().len()).into_par_iter().with_min_len(256);
-        let ((samples, normals), parameters): ((Vec<DVec3>, Vec<DVec3>), Vec<[f64; 2]>) =
+        let (places, parameters): (Vec<(DVec3, DVec3)>, Vec<[f64; 2]>) =
             leaves.flat_map_iter(of_leaf).unzip();
+        let (samples, normals): (Vec<DVec3>, Vec<DVec3>) = places.into_iter().unzip();
         if samples.is_empty() {
             return Err(Error::undetermined("the surface has no usable sample"));
         }

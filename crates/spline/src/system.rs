@@ -395,7 +395,7 @@ impl SurfaceSystem {
     /// with σ a fraction `share` of the size of the leaf. The normal coordinate stays free.
     ///
     /// Positions do not determine how vertices slide along the surface, so without this prior they would
-    /// drift.
+    /// drift. `reference` has the hierarchy of these equations.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.

@@ -213,8 +213,14 @@ fn the_order_of_patches_does_not_matter() {
 
 #[test]
 fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
-    let set = PatchSet { patches: four_patches(), ..PatchSet::default() };
-    let merged = merge(set, &MergeOptions::default(), &Silent).expect("patches overlap");
+    is_one_spline_with_the_sigma_of_the_mesh(MergeMethod::Information, 1.3);
+    // σ of the mean changes from vertex to vertex with the number of patches, which a surface does not follow.
+    is_one_spline_with_the_sigma_of_the_mesh(MergeMethod::Mean, 1.5);
+}
+
+/// Merges patches of a ball to one spline whose σ is up to `most` times that of the mesh.
+fn is_one_spline_with_the_sigma_of_the_mesh(method: MergeMethod, most: f64) {
+    let merged = merged(four_patches(), method);
     let spline = merged_spline(&merged, 0, &Silent).expect("a ball has no handles");
     let report = &spline.report;
     println!(
@@ -232,7 +238,7 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
     let rms_sigma = (squares / merged.sigma.len() as f64).sqrt();
     assert!(report.rms < 1.2 * rms_sigma, "σ {rms_sigma}: {report:?}");
     let ratio = report.sigma.median / merged.report.sigma.median;
-    assert!((0.8..1.3).contains(&ratio), "σ {ratio} times the mesh's");
+    assert!((0.8..most).contains(&ratio), "σ {ratio} times the mesh's");
     // Against the truth, at places that no vertex is at.
     let truth: Vec<DVec3> = icosphere(1.0, 4)
         .positions

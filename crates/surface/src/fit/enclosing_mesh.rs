@@ -27,6 +27,8 @@ const CELL_STEP: usize = 32;
 const NEIGHBOURS: usize = 6;
 /// Blurs, in units of the weakest that the grid can represent.
 const BLURS: [f64; 4] = [1.0, 1.4, 2.0, 2.8];
+// They are used in pairs.
+const _: () = assert!(BLURS.len().is_multiple_of(2));
 /// Smallest body, as a share of the volume of all.
 const MIN_BODY: f64 = 0.01;
 
