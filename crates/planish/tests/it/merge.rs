@@ -214,7 +214,8 @@ fn the_order_of_patches_does_not_matter() {
 #[test]
 fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
     is_one_spline_with_the_sigma_of_the_mesh(MergeMethod::Information, 1.3);
-    // σ of the mean changes from vertex to vertex with the number of patches, which a surface does not follow.
+    // σ of the mean changes from vertex to vertex with the number of patches, which a surface does not
+    // follow.
     is_one_spline_with_the_sigma_of_the_mesh(MergeMethod::Mean, 1.5);
 }
 
