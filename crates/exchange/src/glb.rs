@@ -4,7 +4,7 @@
 //!
 //! **Output.** A [`PolygonMesh`](crate::mesh_data::PolygonMesh) of all meshes of the scene, in metres (the
 //! unit of glTF). Normals are the columns `nx ny nz`; the attributes `_SIGMA` and `_OBSERVED` are the columns
-//! `sigma` and `observed`.
+//! `sigma` and `observed`. `COLOR_0` becomes `red green blue` (sRGB, up to 1) in files without `_SIGMA`.
 //!
 //! **Written files** hold one mesh with `float32` positions relative to its middle. The translation of the
 //! node is that middle, so that coordinates far from the origin lose no digits; the scale of the node

@@ -1,8 +1,9 @@
 //! OBJ, the text format of Wavefront: vertices, normals and polygons.
 //!
-//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if
-//! negative, back from the last vertex. Polygons are split into triangles. Lines that end
-//! with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
+//! **Input.** `v x y z` or `v x y z red green blue` (other further values are ignored), `vn`, and `f` with
+//! indices that count from 1 or, if negative, back from the last vertex. Polygons are split into triangles.
+//! Lines that end with `\` continue in the next one; `#` begins a comment; other keywords are ignored. Colours
+//! are no part of the format, but many programs write them; they become columns if all vertices have one.
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
@@ -71,7 +72,7 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
-/// Reads a mesh; normals become the columns `nx ny nz`.
+/// Reads a mesh; normals become the columns `nx ny nz`, colours of vertices `red green blue`.
 ///
 /// # Errors
 /// As [`read_scan`]; also for a coordinate that is not finite, if there are faces. Without faces, the vertex
@@ -161,6 +162,8 @@ impl Farthest {
 #[derive(Default)]
 struct Obj {
     points: Vec<DVec3>,
+    /// Colours of the first vertices; complete if there are as many as points.
+    colours: Vec<[f32; 3]>,
     /// Line of the first vertex that is not finite.
     not_finite: Option<u64>,
     /// Every `vn`, in order.
@@ -252,6 +255,12 @@ impl Obj {
                     self.not_finite = Some(number);
                 }
                 self.take::<DVec3>(1, "vertices", number)?;
+                if self.colours.len() == self.points.len()
+                    && let Some(colour) = vertex_colour(rest)
+                {
+                    self.take::<[f32; 3]>(1, "colours", number)?;
+                    self.colours.push(colour);
+                }
                 self.points.push(point);
             }
             Some(b"vn") => {
@@ -368,6 +377,18 @@ impl Obj {
         }
     }
 
+    /// Columns `nx ny nz`, if there are normals, and `red green blue`, if all vertices have colours.
+    fn columns(&mut self) -> Vec<(String, Vec<f64>)> {
+        let mut columns = self.normal_columns();
+        let colours = std::mem::take(&mut self.colours);
+        if colours.len() == self.points.len() {
+            columns.extend(["red", "green", "blue"].iter().enumerate().map(|(k, name)| {
+                ((*name).to_owned(), colours.iter().map(|colour| f64::from(colour[k])).collect())
+            }));
+        }
+        columns
+    }
+
     /// Columns `nx ny nz`, if there are normals.
     fn normal_columns(&mut self) -> Vec<(String, Vec<f64>)> {
         let stated = std::mem::take(&mut self.stated);
@@ -383,6 +404,15 @@ impl Obj {
         }
         Vec::new()
     }
+}
+
+/// The colour behind the position of a vertex, if there are three numbers. One number is a weight.
+fn vertex_colour(mut rest: &[u8]) -> Option<[f32; 3]> {
+    let mut colour = [0.0; 3];
+    for share in &mut colour {
+        *share = parse_number(next_word(&mut rest)?)? as f32;
+    }
+    next_word(&mut rest).is_none().then_some(colour)
 }
 
 fn too_few(line: u64, found: usize) -> Error {
@@ -415,7 +445,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
 }
 
 fn mesh_of(mut obj: Obj) -> Result<PolygonMesh> {
-    let mut columns = obj.normal_columns();
+    let mut columns = obj.columns();
     if let Some(line) = obj.not_finite {
         if !obj.triangles.is_empty() {
             return Err(Error::input(format!("line {line}: expected finite coordinates")));

@@ -220,6 +220,14 @@ struct File<'a> {
 /// Columns and the attributes that store them.
 const COLUMNS: [(&str, &str); 2] = [("sigma", "_SIGMA"), ("observed", "_OBSERVED")];
 
+/// The sRGB value of a colour component, which glTF states in proportion to light (section 3.7.2.1).
+fn display_value(linear: f64) -> f64 {
+    match linear {
+        x if x <= 0.003_130_8 => 12.92 * x,
+        x => 1.055 * x.powf(1.0 / 2.4) - 0.055,
+    }
+}
+
 fn index(value: &Value) -> Option<usize> {
     value.as_u64().and_then(|v| usize::try_from(v).ok())
 }
@@ -331,7 +339,7 @@ impl File<'_> {
                 )));
             }
             // With all columns that this reader knows.
-            let bytes = (size_of::<DVec3>() + 7 * size_of::<f64>()) as u64;
+            let bytes = (size_of::<DVec3>() + 10 * size_of::<f64>()) as u64;
             self.budget.take_elements(positions.count as u64, bytes, "vertices")?;
             for vertex in 0..positions.count {
                 let point = transform.apply(positions.vector(vertex));
@@ -372,6 +380,15 @@ impl File<'_> {
                     column(name, &|vertex| factor * found.number(vertex, 0));
                 }
             }
+            // Files with σ show it by their colours.
+            if attributes["_SIGMA"].is_null() && !attributes["COLOR_0"].is_null() {
+                let found = self.colours(&attributes["COLOR_0"])?;
+                same(&found, "COLOR_0")?;
+                let largest = found.largest();
+                for (k, name) in ["red", "green", "blue"].iter().enumerate() {
+                    column(name, &|vertex| display_value(found.number(vertex, k) / largest));
+                }
+            }
             if with_uv && !attributes["TEXCOORD_0"].is_null() {
                 let found = self.accessor_of(&attributes["TEXCOORD_0"], &[FLOAT, BYTE, SHORT], "VEC2")?;
                 same(&found, "TEXCOORD_0")?;
@@ -388,6 +405,13 @@ impl File<'_> {
             }
         }
         Ok(())
+    }
+
+    /// The accessor of colours, which have three or four components.
+    fn colours(&self, number: &Value) -> Result<Accessor<'_>> {
+        let kinds = &[FLOAT, BYTE, SHORT];
+        let opaque = index(number).is_some_and(|k| self.document["accessors"][k]["type"] == "VEC3");
+        self.accessor_of(number, kinds, if opaque { "VEC3" } else { "VEC4" })
     }
 
     fn add_triangles(
@@ -466,6 +490,7 @@ impl File<'_> {
         };
         let size = type_.size()
             * match kind {
+                "VEC4" => 4,
                 "VEC3" => 3,
                 "VEC2" => 2,
                 _ => 1,

@@ -112,6 +112,23 @@ fn transforms_of_nodes_are_applied() {
 }
 
 #[test]
+fn colours_are_read_as_display_values() {
+    let json = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+    "meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":1}}]}],
+    "accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":3},
+                 {"bufferView":0,"byteOffset":12,"componentType":5126,"type":"VEC4","count":3}],
+    "bufferViews":[{"buffer":0,"byteLength":84,"byteStride":28}],"buffers":[{"byteLength":84}]}"#;
+    let vertex = |x, y, red, blue| [x, y, 0.0, red, 0.0, blue, 1.0];
+    let numbers = [vertex(0., 0., 1., 0.), vertex(1., 0., 0.5, 0.), vertex(0., 1., 0., 0.001)];
+    let mesh = read(&glb(json, numbers.as_flattened())).unwrap();
+    // Half of the light is 0.735 of the display's range.
+    assert!((mesh.column("red").unwrap()[1] - 0.735_357).abs() < 1e-5);
+    assert!((mesh.column("blue").unwrap()[2] - 0.012_92).abs() < 1e-6);
+    assert!((mesh.column("red").unwrap()[0] - 1.0).abs() < 1e-12);
+    assert_eq!(mesh.column("green").unwrap(), [0.0; 3]);
+}
+
+#[test]
 fn invalid_and_unsupported_files_are_reported() {
     let failed = |json: &str| read(&glb(json, &NUMBERS)).unwrap_err();
     let with = |from: &str, to: &str| failed(&SCENE.replacen(from, to, 1));

@@ -51,7 +51,6 @@ fn all_spellings_of_a_square_give_the_same_mesh() {
         ),
         format!("f 1 2 3 4\n{SQUARE}"),
         "v 0 0 0 1\nv 1 0 0 1.0\nv 1 1 0 2\nv 0 1 0 1\nf 1 2 3 4\n".to_owned(),
-        "v 0 0 0 1 0 0\nv 1 0 0 255 0 0\nv 1 1 0 .5 .5 .5\nv 0 1 0 0 0 1\nf 1 2 3 4\n".to_owned(),
         "v 0 0 0 1 1 0 0\nv 1 0 0 1 1 0 0\nv 1 1 0 1 1 0 0\nv 0 1 0 1 1 0 0\nf 1 2 3 4\n".to_owned(),
         "v 0e0 -0.0 +0\nv 1.E+0 0 0.\nv 1 1 0\nv .0 1 0\nf 1 2 3 4\n".to_owned(),
         format!("{SQUARE}cstype bezier\ndeg 3\ncurv 0 1 1 2 3 4\nparm u 0 1\nend\nf 1 2 3 4\n"),
@@ -75,6 +74,18 @@ fn normals_are_assigned_by_faces() {
     let cloud = "vn 0 0 1\nv 1 2 3\nvn 0 1 0\nv 4 5 6\n";
     assert_eq!(scan(cloud).unwrap().normals.unwrap(), [DVec3::Z, DVec3::Y]);
     assert!(scan("v 1 2 3\nvn 0 1 0\nv 4 5 6\n").unwrap().normals.is_none());
+}
+
+#[test]
+fn colours_of_all_vertices_become_columns() {
+    let coloured = mesh("v 0 0 0 1 0 0\nv 1 0 0 0 0.5 0\nv 0 1 0 0 0 0.25\nf 1 2 3\n").unwrap();
+    let column = |name: &str| coloured.column(name).unwrap().to_vec();
+    assert_eq!(["red", "green", "blue"].map(column), [[1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 0.25]]);
+    // A vertex without a colour; a weight; further numbers.
+    for line in ["v 0 0 0", "v 0 0 0 1", "v 0 0 0 1 2", "v 0 0 0 1 2 3 4"] {
+        let mesh = mesh(&format!("v 0 0 0 1 0 0\n{line}\nv 0 1 0 0 0 0.25\nf 1 2 3\n")).unwrap();
+        assert!(mesh.columns.is_empty(), "{line}");
+    }
 }
 
 #[test]
