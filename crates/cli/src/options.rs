@@ -38,6 +38,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::Patch => "--patch",
         Setting::PixelSize => "--pixel-size",
         Setting::Product => "--product",
+        Setting::Projection => "--projection",
         Setting::RangeGate => "--range-gate",
         Setting::Reference => "--reference",
         Setting::Region => "--region",
@@ -52,6 +53,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::Symmetry => "--symmetry",
         Setting::Tolerance => "--tolerance",
         Setting::Unit => "--unit",
+        Setting::ViewPlaces => "--view",
         Setting::Views => "--views",
     }
 }

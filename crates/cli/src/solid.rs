@@ -7,7 +7,7 @@ use crate::summary::{self, Summary};
 use crate::values::{length, probability};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::progress::Progress;
-use planish::solid::{Projection, SolidJob, SolidReport, ViewKind};
+use planish::solid::{Projection, SolidJob, SolidReport, ViewKind, ViewPlace};
 use planish::{ErrorKind, Job, Length, Result};
 use serde::Serialize;
 use std::cell::Cell;
@@ -18,7 +18,8 @@ Examples:
   planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf \
 -o bracket.step
   planish solid front.dxf top.dxf -o part.step --all --json
-  planish solid sheet.dxf --projection third -o part.step
+  planish solid sheet.dxf -o part.step
+  planish solid sheet.dxf --view front=20,20,60,40 --view top=20,60,60,90 -o part.step
   planish solid front.svg top.svg side.svg -o part.glb --mesh-tolerance 0.01
   planish solid front.json side.json --as front,side -o part.step -o part.json --graphs graphs.json
 
@@ -26,11 +27,13 @@ Views:
   front  seen from -y, shows x and z
   top    seen from +z, shows x and y
   side   seen from +x, shows y and z
-All views share one frame and one scale. On a sheet with all views, the views are separated and aligned with \
-the front view. The lower left corner of each view becomes its origin, on such a sheet and in SVG files.
+All views share one frame and one scale. On a sheet with all views, the views are found and aligned with the front \
+view; frame, title block, dimensions, notes, sections and other views are set aside and listed (--json). The lower \
+left corner of each view becomes its origin, on such a sheet and in SVG files. Lengths are multiplied by the scale \
+that the dimensions or the title block state.
 
-Hidden lines are dashed (SVG), or on layers or of line types named HIDDEN or DASHED (DXF). Centre lines are \
-ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn \
+Hidden lines have dashes of one length, or a layer or line type whose name says so (HIDDEN, VERDECKT, CACHE ...). \
+Centre lines, of alternating dashes, are ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn \
 or omitted. A solid is written only if its visible and hidden lines are those of the drawing.
 
 Contours written by `planish contour` (.json) are also views. Relations in each contour are found by χ² \
@@ -85,8 +88,15 @@ pub struct SolidArgs {
     #[arg(long)]
     all: bool,
     /// Arrangement of the views of one file
-    #[arg(long, value_enum, default_value_t = ProjectionName::First, help_heading = "Views")]
+    #[arg(long, value_enum, default_value_t = ProjectionName::Auto, help_heading = "Views")]
     projection: ProjectionName,
+    /// Place of a view in one file with all views, such as `front=0,0,40,20`; repeatable
+    ///
+    /// The numbers are left, bottom, right and top in the coordinates of the file. Lines elsewhere are set
+    /// aside.
+    #[arg(long = "view", value_name = "KIND=X0,Y0,X1,Y1", value_parser = place, hide_short_help = true,
+          help_heading = "Views")]
+    places: Vec<ViewPlace>,
     /// The report.
     #[command(flatten)]
     page: ReportArgs,
@@ -102,6 +112,28 @@ enum ProjectionName {
     First,
     /// Third angle (America): the top view is above the front view
     Third,
+    /// The convention that the places of the views show
+    Auto,
+}
+
+/// One value of `--view`.
+fn place(text: &str) -> std::result::Result<ViewPlace, String> {
+    let wrong = || format!("expected a view and its box, such as front=0,0,40,20, found `{text}`");
+    let (kind, numbers) = text.split_once('=').ok_or_else(wrong)?;
+    let kinds = [ViewKind::Front, ViewKind::Top, ViewKind::Side, ViewKind::Left];
+    let kind = kinds
+        .into_iter()
+        .find(|k| k.name() == kind.trim())
+        .ok_or_else(|| format!("expected front, top, side or left before `=`, found `{kind}`"))?;
+    let numbers: Vec<f64> = numbers
+        .split(',')
+        .map(|n| n.trim().parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(wrong))
+        .collect::<std::result::Result<_, _>>()?;
+    let bounds: [f64; 4] = numbers.try_into().map_err(|_| wrong())?;
+    match bounds[0] < bounds[2] && bounds[1] < bounds[3] {
+        true => Ok(ViewPlace { kind, bounds }),
+        false => Err(format!("expected left < right and bottom < top, found `{text}`")),
+    }
 }
 
 // The variants have no doc comments: the names are the views, and a doc comment would become help.
@@ -147,9 +179,11 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
     let job = SolidJob {
         views: args.views.clone(),
         projection: match args.projection {
-            ProjectionName::First => Projection::FirstAngle,
-            ProjectionName::Third => Projection::ThirdAngle,
+            ProjectionName::First => Some(Projection::FirstAngle),
+            ProjectionName::Third => Some(Projection::ThirdAngle),
+            ProjectionName::Auto => None,
         },
+        places: args.places.clone(),
         kinds: (!args.kinds.is_empty()).then(|| args.kinds.iter().copied().map(Into::into).collect()),
         level: args.level,
         graphs: args.graphs.clone(),

@@ -228,6 +228,10 @@ codes! {
     LineRepeated = "line-repeated", Warning: "A line occurs twice in a drawing and counts once.",
     DrawingInexact = "drawing-inexact", Warning:
         "Ends or sizes of a drawing nearly agree, or an outline is open.",
+    SheetSetAside = "sheet-set-aside", Info: "Lines of a sheet belong to no view.",
+    ScaleApplied = "scale-applied", Info: "Lengths of a drawing are multiplied by its scale.",
+    ScaleUnknown = "scale-unknown", Warning: "The scale of a sheet is not known.",
+    ProjectionOpen = "projection-open", Warning: "A sheet shows a solid in both conventions of projection.",
     NoSolid = "no-solid", Error: "No solid explains all lines.",
     SolidUnique = "solid-unique", Info: "Exactly one solid has these views.",
     SolidsAmbiguous = "solids-ambiguous", Warning: "Several solids have these views.",

@@ -58,6 +58,7 @@ settings! {
     Motion = "motion": "How the object moves.",
     Patch = "patches": "Files of the patches of occluding contours.",
     PixelSize = "pixel_size": "Size of a pixel.",
+    Projection = "projection": "The convention by which views are placed on a sheet.",
     Product = "product": "Use the product form of the equations.",
     RangeGate = "range_gate": "Ranges that are used.",
     Reference = "reference": "The reference of a comparison.",
@@ -73,6 +74,7 @@ settings! {
     Symmetry = "symmetry": "The symmetry that completes the surface.",
     Tolerance = "tolerance": "Where refinement stops, or which coordinates are joined.",
     Unit = "unit": "Unit of files without a unit.",
+    ViewPlaces = "view_places": "Places of views on a sheet.",
     Views = "views": "Number of views to plan.",
 }
 

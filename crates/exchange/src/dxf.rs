@@ -1,12 +1,13 @@
 //! Reads the curves of drawings from DXF files (Drawing Interchange Format, ASCII).
 //!
 //! **Input.** `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE` and `SPLINE` of the section
-//! `ENTITIES`, and of blocks placed by `INSERT`. Lines are hidden if the name of their layer contains
-//! `HIDDEN` or their line type is dashed. Centre lines (`CENTER`, `DASHDOT`) are ignored.
+//! `ENTITIES`, and of blocks placed by `INSERT`. Lines are hidden if their line type has dashes of one length,
+//! or if its name or that of the layer says so (`HIDDEN`, `VERDECKT`, `CACHE` …). Centre lines, of alternating
+//! dashes, are ignored.
 //!
-//! **Output.** Curves with their style, the unit of `$INSUNITS`, counts of ignored entities by kind (texts,
-//! hatches), and messages on what was ignored and on dimensions that conflict with the drawing. Coordinates
-//! are those of the file: x to the right, y up.
+//! **Output.** Curves with their style, the unit of `$INSUNITS`, counts of ignored entities by kind, and
+//! messages on what was ignored and on dimensions that conflict with the drawing. Texts, boxes of hatches,
+//! arrowheads and dimensions are [`Annotations`]. Coordinates are those of the file: x to the right, y up.
 //!
 //! **Limits.** Entities outside the xy plane (an extrusion direction other than ±z) are errors. Binary DXF
 //! and meshes (`POLYLINE` of faces) are not supported.
@@ -14,19 +15,24 @@
 //! # References
 //! Autodesk, *AutoCAD 2012 DXF Reference* (group codes).
 
+mod annotation;
 mod dimension;
 mod entity;
 mod groups;
+mod line_style;
 mod placed;
 #[cfg(test)]
 mod tests;
 
 use crate::Unit;
 use crate::source::read_file;
+use dimension::DimensionLengths;
 use groups::{Groups, Record};
+use line_style::Dashes;
 use placed::{Block, Drawer, Items, Place, Sheet};
 use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
+use planish_solid::sheet::Annotations;
 use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -41,6 +47,8 @@ const MAX_ENTITIES: usize = 200_000;
 pub struct DxfDrawing {
     /// Curves in the order of the file.
     pub curves: Vec<DrawnCurve>,
+    /// What accompanies the curves.
+    pub annotations: Annotations,
     /// Unit of length, if the file states it.
     pub unit: Option<Unit>,
     /// Number of ignored entities by kind, such as texts and hatches.
@@ -77,6 +85,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let mut unit = None;
     let mut sheet = Sheet::default();
     let mut items = Items::default();
+    let mut lengths = DimensionLengths::default();
     let mut block: Option<(String, Block)> = None;
     let mut section = String::new();
     let mut entities = 0_usize;
@@ -88,6 +97,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
                 // Header variables have no code 0, so all of them belong to the record of the section.
                 if section == "HEADER" {
                     unit = unit_of(&record);
+                    lengths.read_header(&record);
                 }
             }
             "ENDSEC" => section.clear(),
@@ -101,6 +111,11 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
                     sheet.layers.insert(name.to_uppercase(), line_type.to_uppercase());
                 }
             }
+            "LTYPE" if section == "TABLES" => {
+                let name = record.text(2).unwrap_or_default().to_uppercase();
+                sheet.line_types.insert(name, Dashes::of_pattern(&record)?);
+            }
+            "DIMSTYLE" if section == "TABLES" => lengths.read_style(&record)?,
             // Blocks may insert blocks that are defined later, so all are read before anything is drawn.
             "BLOCK" if section == "BLOCKS" => {
                 let name = record.text(2).unwrap_or_default().to_uppercase();
@@ -134,7 +149,8 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             format!("ignored {count} × {kind}, which draws no edges; the first is {first}"),
         ));
     }
-    drawing.findings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
+    drawing.annotations.dimensions = lengths.of(&dimensions)?;
+    drawing.findings.extend(dimension::conflicts(&dimensions, &drawing)?);
     // Otherwise any text of alternating whole numbers and words would count as an empty drawing.
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(

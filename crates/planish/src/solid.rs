@@ -10,12 +10,14 @@ mod misses;
 mod nearby_curves;
 mod noisy;
 mod page;
+mod sheet;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
 use planish_core::finding::with_warnings;
 use planish_core::{Finding, FindingCode, Length, Setting};
 use planish_report::numbers::significant;
+pub use sheet::{ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::job::Job;
@@ -27,9 +29,11 @@ use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
-use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, solve};
-pub use planish_solid::views::{Projection, ViewKind};
+pub use planish_solid::sheet::Projection;
+pub use planish_solid::views::ViewKind;
+use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, Solutions, solve};
 use serde::Serialize;
+use sheet::ReadDrawing;
 use std::path::PathBuf;
 
 /// Settings of the job.
@@ -38,8 +42,10 @@ pub struct SolidJob {
     /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order. The
     /// side view is optional. One drawing may contain all views.
     pub views: Vec<PathBuf>,
-    /// How the views of one file are placed.
-    pub projection: Projection,
+    /// How the views of one file are placed; found from the sheet if none is given.
+    pub projection: Option<Projection>,
+    /// The places of the views of one file; found if empty.
+    pub places: Vec<ViewPlace>,
     /// Kinds of the views. The default is front, top and side.
     pub kinds: Option<Vec<ViewKind>>,
     /// Significance level: the probability that a true relation or match of contours is rejected.
@@ -65,7 +71,8 @@ impl Default for SolidJob {
     fn default() -> Self {
         Self {
             views: Vec::new(),
-            projection: Projection::FirstAngle,
+            projection: None,
+            places: Vec::new(),
             kinds: None,
             level: planish_contour::constraint::DEFAULT_LEVEL,
             graphs: Vec::new(),
@@ -183,6 +190,9 @@ pub struct SolidReport {
     pub refused: Vec<RefusedSolid>,
     /// Candidates that are not solids, by reason.
     pub dropped: Vec<DroppedCandidates>,
+    /// For one file with all views: how it was read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sheet: Option<ReportedSheet>,
     /// For contours: how they were matched, and the dimensions of the best solid with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
@@ -208,16 +218,21 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     };
     // From here on, contours are exact views: estimation and matching made their coordinates equal, so both
     // inputs share one search.
-    let (drawing, unit) = match &noisy {
-        Some(noisy) => (noisy.consistent.exact_views()?, noisy.unit),
-        None => drawing::read(job, &mut findings)?,
+    let (readings, unit) = match &noisy {
+        Some(noisy) => {
+            let drawing = noisy.consistent.exact_views()?;
+            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new() }], noisy.unit)
+        }
+        None => drawing::read(job)?,
     };
     progress.check("searching", 0.1)?;
-    // Errors of the search refer to entities of the drawing. The files are known only here.
-    let found = solve(&drawing).map_err(|e| match &noisy {
-        Some(noisy) => noisy.explain(e),
-        None => drawing::explain(e, &drawing, &job.views),
-    })?;
+    let explain = |error: Error, drawing: &Drawing| match &noisy {
+        Some(noisy) => noisy.explain(error),
+        None => drawing::explain(error, drawing, &job.views),
+    };
+    let (ReadDrawing { drawing, sheet, findings: noticed }, found) =
+        search_readings(readings, progress, explain)?;
+    findings.extend(noticed);
     progress.check("comparing", 0.6)?;
     let (accepted, refused) = compared_with(&drawing, &found.solutions);
     let geometry = match (&noisy, accepted.first()) {
@@ -246,6 +261,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let (files, written) = writing::write(job, &prepared, unit)?;
     let mut report = SolidReport {
         solutions: ranked(&accepted, &files),
+        sheet,
         geometry,
         complete: found.complete,
         unexplained: found
@@ -283,6 +299,42 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         report.written.push(page.path.clone());
     }
     Ok(report)
+}
+
+/// Searches the readings of a drawing, and returns the first that has a solid, or else the first. If a solid has
+/// the views in the other convention as well, this is a finding.
+fn search_readings(
+    readings: Vec<ReadDrawing>,
+    progress: &dyn Progress,
+    explain: impl Fn(Error, &Drawing) -> Error,
+) -> Result<(ReadDrawing, Solutions)> {
+    let mut first: Option<Result<(ReadDrawing, Solutions)>> = None;
+    let mut solved: Option<(ReadDrawing, Solutions)> = None;
+    for reading in readings {
+        let convention = |reading: &ReadDrawing| reading.sheet.as_ref().map(|sheet| sheet.projection);
+        // Of the other readings in the convention of the solid, none is as plausible.
+        if solved.as_ref().is_some_and(|(used, _)| convention(used) == convention(&reading)) {
+            continue;
+        }
+        progress.check("searching", 0.1)?;
+        // Errors of the search refer to entities of the drawing. The files are known only to the caller.
+        let found = solve(&reading.drawing).map_err(|e| explain(e, &reading.drawing));
+        let is_solved =
+            found.as_ref().is_ok_and(|found| !compared_with(&reading.drawing, &found.solutions).0.is_empty());
+        match (is_solved, &mut solved) {
+            (true, Some((used, _))) => {
+                let open = used.sheet.as_ref().map(sheet::open_convention);
+                used.findings.extend(open);
+                break;
+            }
+            (true, None) => solved = Some((reading, found?)),
+            (false, _) => {
+                first.get_or_insert_with(|| Ok((reading, found?)));
+            }
+        }
+    }
+    let none = || Err(Error::input("expected views, found none"));
+    solved.map_or_else(|| first.unwrap_or_else(none), Ok)
 }
 
 /// Splits solutions into those that show exactly the lines of the drawing and those that are refused.
@@ -405,6 +457,13 @@ fn check_settings(job: &SolidJob) -> Result<()> {
              is optional), or one file with all of them, found {}",
             job.views.len()
         )));
+    }
+    if !job.places.is_empty() && job.views.len() != 1 {
+        return Err(Error::input(format!(
+            "expected places of views for one file with all views, found {} files",
+            job.views.len()
+        ))
+        .with_setting(Setting::ViewPlaces));
     }
     if let Some(kinds) = &job.kinds {
         let repeated = kinds.iter().enumerate().find(|(i, kind)| kinds[..*i].contains(kind));

@@ -1,6 +1,6 @@
 //! Data model of a drawing: curves with line styles in up to three views, in model coordinates.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Viewing direction of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -111,6 +111,31 @@ impl Curve2 {
             }
             Self::Chain(points) => points.clone(),
         }
+    }
+
+    /// Minimum and maximum of each coordinate along the curve.
+    ///
+    /// ```
+    /// use planish_solid::views::Curve2;
+    ///
+    /// // From 1 to 2 radians, an arc passes its highest point.
+    /// let arc = Curve2::Arc { center: [0.0, 0.0], radius: 2.0, start: 1.0, sweep: 1.0 };
+    /// assert_eq!(arc.bounds()[1][1], 2.0);
+    /// ```
+    #[must_use]
+    pub fn bounds(&self) -> [[f64; 2]; 2] {
+        let points = self.points();
+        let mut bounds =
+            [0, 1].map(|k| points.iter().fold([f64::MAX, f64::MIN], |s, p| [s[0].min(p[k]), s[1].max(p[k])]));
+        if let Self::Arc { center, radius, start, sweep } = self {
+            // Left, right, lowest and highest point of the circle.
+            for (quarter, (axis, side)) in [(0, 1), (1, 1), (0, 0), (1, 0)].into_iter().enumerate() {
+                if (quarter as f64 * FRAC_PI_2 - start).rem_euclid(TAU) <= *sweep {
+                    bounds[axis][side] = center[axis] + [-radius, *radius][side];
+                }
+            }
+        }
+        bounds
     }
 
     /// The curve after `to`, a translation or, with `mirrored`, a translation after the map x → −x.
@@ -252,10 +277,10 @@ impl Drawing {
         // Each axis is shown by two views, and both contribute.
         for view in &self.views {
             let axes = view.kind.axes();
-            for p in view.curves.iter().flat_map(|c| c.curve.points()) {
+            for own in view.curves.iter().map(|c| c.curve.bounds()) {
                 for k in 0..2 {
                     let [lo, hi] = bounds[axes[k]];
-                    bounds[axes[k]] = [lo.min(p[k]), hi.max(p[k])];
+                    bounds[axes[k]] = [lo.min(own[k][0]), hi.max(own[k][1])];
                 }
             }
         }
@@ -263,7 +288,17 @@ impl Drawing {
     }
 
     /// The drawing with all lengths times a factor.
-    pub(crate) fn scaled(&self, factor: f64) -> Self {
+    ///
+    /// ```
+    /// use planish_solid::drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
+    ///
+    /// let curve = Curve2::Segment([1.0, 0.0], [3.0, 4.0]);
+    /// let line = DrawnCurve { curve, style: LineStyle::Visible, entity: "LINE 1".to_owned() };
+    /// let drawing = Drawing { views: vec![View { kind: ViewKind::Front, curves: vec![line] }] };
+    /// assert_eq!(drawing.scaled(2.0).views[0].curves[0].curve, Curve2::Segment([2.0, 0.0], [6.0, 8.0]));
+    /// ```
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
         let at = |p: &[f64; 2]| p.map(|c| factor * c);
         let curve = |curve: &Curve2| match curve {
             Curve2::Segment(a, b) => Curve2::Segment(at(a), at(b)),

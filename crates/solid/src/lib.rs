@@ -33,7 +33,7 @@
 //! # Ok::<(), planish_estimate::Error>(())
 //! ```
 //!
-//! A file that holds all views on one sheet is separated by [`views::views_of_sheet`]; coordinates that
+//! The views of a file that holds all of them on one sheet are found by [`sheet::read_sheet`]; coordinates that
 //! nearly agree are joined by [`views::joined`]. Measured views with errors are adjusted by
 //! [`noisy_views::match_views`] first, which also gives σ of each dimension.
 //!
@@ -63,6 +63,7 @@
 //! | [`views`] | all solids that match two or three orthographic views, best first |
 //! | [`noisy_views`] | measured views with covariance, matched by χ² tests and joined into one geometry |
 //! | [`drawing`] | data model of a drawing: curves with line styles in up to three views |
+//! | [`sheet`] | finds the views of a sheet among frame, title block, dimensions and notes |
 //! | [`brep`] | B-rep on planes, cylinders, cones, spheres and tori: checks, volume, area, centroid |
 //! | [`reprojection`] | projects a solid into its views and compares them with a drawing |
 //! | [`tessellation`] | watertight triangle mesh of a solid |
@@ -77,5 +78,6 @@ pub mod drawing;
 pub mod noisy_views;
 pub mod parametric;
 pub mod reprojection;
+pub mod sheet;
 pub mod tessellation;
 pub mod views;

@@ -18,7 +18,7 @@
 //!    search.
 //! 5. `boundary`: the maximal faces of the solid cells; `touching` handles holes tangent to a face.
 //!
-//! [`views_of_sheet`] separates the views of a file that holds all of them.
+//! [`crate::sheet`] finds the views of a file that holds all of them.
 //!
 //! Limits: cones, spheres and tori must have an axis along a line of sight, and cannot be combined with
 //! faces oblique to all views. Freeform faces are not supported.
@@ -49,7 +49,6 @@ mod quadrics;
 mod ring_tests;
 mod rings;
 mod search;
-mod sheet;
 mod sight;
 #[cfg(test)]
 mod smooth_tests;
@@ -76,7 +75,6 @@ pub use joined::joined;
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
-pub use sheet::{Projection, views_of_sheet};
 use std::cmp::Ordering;
 use std::collections::HashMap;
 

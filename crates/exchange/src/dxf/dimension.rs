@@ -5,20 +5,82 @@
 //! **Output.** One message per dimension whose number differs from the distance of its points, and one per
 //! dimension whose points lie on no line (the drawing was changed later). Messages name the entity.
 //!
-//! **Limits.** Angles, ordinates and texts without a number are not checked. A dimension style that scales
-//! lengths is accepted if the file contains the measurement beside the text.
+//! The length that a dimension states is the number of its text, or the distance of its points times the factor
+//! of its style (`DIMLFAC`). Drawings at a scale state lengths that differ from the distances by one factor.
+//!
+//! **Limits.** Angles, ordinates and texts without a number are not checked.
 
+use super::DxfDrawing;
+use super::annotation::plain_text;
 use super::groups::Record;
 use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
-use planish_solid::views::{Curve2, DrawnCurve};
+use planish_solid::sheet::{SheetDimension, scale_of_dimensions};
+use planish_solid::views::Curve2;
+use std::collections::HashMap;
 
 /// Tolerance of the distance of a dimension's points from lines, as a share of the size of the drawing. Too
 /// small a value reports rounded coordinates, too large a value overlooks small changes of the drawing.
 const ON_LINE_SHARE: f64 = 2e-3;
 
+/// Factors from distances to the lengths that dimensions show.
+#[derive(Default)]
+pub(super) struct DimensionLengths {
+    /// Of the header, for dimensions without a style of the table.
+    factor: Option<f64>,
+    by_style: HashMap<String, f64>,
+}
+
+impl DimensionLengths {
+    /// Reads `$DIMLFAC`.
+    pub(super) fn read_header(&mut self, header: &Record) {
+        let at = header.groups.iter().position(|g| g.code == 9 && g.value == "$DIMLFAC");
+        let value = at.and_then(|at| header.groups.get(at + 1)).and_then(|g| g.number().ok());
+        self.factor = value.filter(|f| *f > 0.0);
+    }
+
+    /// Reads a record of the table of dimension styles.
+    pub(super) fn read_style(&mut self, style: &Record) -> Result<()> {
+        // A negative factor is that of layouts only.
+        if let (Some(name), Some(factor)) = (style.text(2), style.number(144)?.filter(|f| *f > 0.0)) {
+            self.by_style.insert(name.to_uppercase(), factor);
+        }
+        Ok(())
+    }
+
+    /// The lengths that dimensions measure and state.
+    pub(super) fn of(&self, dimensions: &[&Record]) -> Result<Vec<SheetDimension>> {
+        let mut found = Vec::new();
+        for record in dimensions {
+            let Some(drawn) = Measured::from_record(record)?.map(|m| m.length()).filter(|d| *d > 0.0) else {
+                continue;
+            };
+            let (stated, rounding) = match stated(record.text(1).unwrap_or_default()) {
+                Some(stated) => stated,
+                None => (drawn * self.factor_of(record)?, 0.0),
+            };
+            found.push(SheetDimension { drawn, stated, rounding });
+        }
+        Ok(found)
+    }
+
+    /// The factor of a dimension: its own, that of its style, or that of the header.
+    fn factor_of(&self, record: &Record) -> Result<f64> {
+        // Extended data: the number of the variable (144), and its value.
+        let own =
+            record.groups.windows(2).find(|g| g[0].code == 1070 && g[0].value == "144" && g[1].code == 1040);
+        if let Some(groups) = own {
+            return groups[1].number();
+        }
+        let style = record.text(3).unwrap_or("STANDARD").to_uppercase();
+        Ok(self.by_style.get(&style).copied().or(self.factor).unwrap_or(1.0))
+    }
+}
+
 /// Describes each dimension that conflicts with the drawing.
-pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<Finding>> {
+pub(super) fn conflicts(dimensions: &[&Record], drawing: &DxfDrawing) -> Result<Vec<Finding>> {
+    let curves = &drawing.curves;
+    let scale = scale_of_dimensions(&drawing.annotations.dimensions).unwrap_or(1.0);
     let points = || curves.iter().flat_map(|c| c.curve.points());
     let extent = |k: usize| {
         let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
@@ -33,12 +95,13 @@ pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result
             continue;
         };
         let name = record.name();
-        let exact = measured.length();
+        let drawn = measured.length();
+        let exact = scale * drawn;
         let text = stated(record.text(1).unwrap_or_default());
         let kept = record.number(42)?.filter(|m| *m > 0.0).map(|m| (m, 1e-6 * m));
         // An explicit text is what people read, so it takes precedence over the stored measurement.
         if let Some((value, rounding)) = text.or(kept)
-            && (value - exact).abs() > rounding + 1e-6 * exact
+            && [drawn, exact].iter().all(|length| (value - length).abs() > rounding + 1e-6 * length)
         {
             let text = format!("{name} states {value}, but {} {exact:.6}", measured.what);
             found.push(Finding::new(FindingCode::DimensionMismatch, text));
@@ -117,25 +180,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
     if text.contains("<>") {
         return None;
     }
-    let mut plain = String::new();
-    let mut left = text;
-    while let Some(at) = left.find('\\') {
-        plain.push_str(&left[..at]);
-        let code = &left[at + 1..];
-        left = match (code.chars().next(), code.find(';')) {
-            (Some('P' | '~' | 'L' | 'l' | 'O' | 'o' | 'K' | 'k'), _) => &code[1..],
-            (Some(_), Some(end)) => &code[end + 1..],
-            _ => "",
-        };
-        plain.push(' ');
-    }
-    plain.push_str(left);
-    let plain = plain
-        .replace("%%c", " ")
-        .replace("%%C", " ")
-        .replace("%%p", "±")
-        .replace("%%P", "±")
-        .replace(',', ".");
+    let plain = plain_text(text).replace(',', ".");
     let begin = plain.find(|c: char| c.is_ascii_digit())?;
     let number: String = plain[begin..].chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
     let number = number.trim_end_matches('.');
@@ -152,8 +197,10 @@ fn stated(text: &str) -> Option<(f64, f64)> {
 
 fn distance_to(curve: &Curve2, p: [f64; 2]) -> f64 {
     if let Curve2::Arc { center, radius, .. } = curve {
-        // The whole circle counts: the diameter of an arc has its other end on the part that is not drawn.
-        return ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs();
+        // The whole circle counts: the diameter of an arc has its other end on the part that is not drawn. So
+        // does the centre, from which places of holes are measured.
+        let off = (p[0] - center[0]).hypot(p[1] - center[1]);
+        return off.min((off - radius).abs());
     }
     let to_piece = |q: &[[f64; 2]]| {
         let d = [q[1][0] - q[0][0], q[1][1] - q[0][1]];

@@ -4,13 +4,15 @@
 //! rotation R and insertion point P of the insert. Blocks may contain inserts. An entity on layer 0 of a
 //! block takes the layer of the insert, and with line type `BYBLOCK` also its line type.
 
+use super::annotation;
 use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
+use super::line_style::Dashes;
 use super::{DxfDrawing, MAX_ENTITIES, too_many};
 use crate::affine::Affine;
 use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
-use planish_solid::views::{DrawnCurve, LineStyle};
+use planish_solid::views::DrawnCurve;
 use std::collections::{BTreeMap, HashMap};
 
 /// Maximum nesting of blocks. The format forbids recursion; the limit finds it.
@@ -46,10 +48,12 @@ impl Block {
     }
 }
 
-/// Layers with their line types, and blocks. Keys are in capitals, because names are not case-sensitive.
+/// Layers with their line types, the dashes of line types, and blocks. Keys are in capitals, because names are
+/// not case-sensitive.
 #[derive(Default)]
 pub(super) struct Sheet {
     pub(super) layers: BTreeMap<String, String>,
+    pub(super) line_types: HashMap<String, Option<Dashes>>,
     pub(super) blocks: HashMap<String, Block>,
 }
 
@@ -121,11 +125,20 @@ pub(super) struct Drawer<'a> {
     dimensions: Vec<&'a Record>,
     ignored: Ignored,
     drawn: usize,
+    /// Numbers of layers, line types, colours and weights.
+    pens: HashMap<(String, String, [String; 3]), u32>,
 }
 
 impl<'a> Drawer<'a> {
     pub(super) fn new(sheet: &'a Sheet, drawing: DxfDrawing) -> Self {
-        Self { sheet, drawing, dimensions: Vec::new(), ignored: Ignored::new(), drawn: 0 }
+        Self {
+            sheet,
+            drawing,
+            dimensions: Vec::new(),
+            ignored: Ignored::new(),
+            drawn: 0,
+            pens: HashMap::new(),
+        }
     }
 
     /// Returns the drawing, the dimensions outside blocks, and the ignored kinds.
@@ -156,10 +169,23 @@ impl<'a> Drawer<'a> {
 
     fn draw_one(&mut self, record: &Record, vertices: &[Record], place: &Place) -> Result<()> {
         let name = format!("{}{}", record.name(), place.named);
-        let Some(style) = style_of(record, &self.sheet.layers, place.outer.as_ref()) else {
+        let read = annotation::add(&mut self.drawing.annotations, record, &place.map);
+        if read.map_err(|e| e.in_context(&name))? {
+            self.ignore(&record.kind, name);
+            return Ok(());
+        }
+        let (layer, line_type) = outer_style(record, &self.sheet.layers, place.outer.as_ref());
+        let dashes = match self.sheet.line_types.get(&line_type) {
+            Some(Some(dashes)) => Some(*dashes),
+            _ => Dashes::of_name(&line_type).or_else(|| Dashes::of_name(&layer)),
+        };
+        let Some(style) = Dashes::line_style(dashes) else {
             self.ignore("centre line", name);
             return Ok(());
         };
+        let look = [62, 420, 370].map(|code| record.text(code).unwrap_or_default().to_owned());
+        let next = self.pens.len() as u32;
+        let pen = *self.pens.entry((layer, line_type, look)).or_insert(next);
         let curves = match record.kind.as_str() {
             "POLYLINE" => polyline_curves(record, vertices),
             _ => curves_of(record),
@@ -176,6 +202,7 @@ impl<'a> Drawer<'a> {
                 ));
                 continue;
             }
+            self.drawing.annotations.pens.push(pen);
             self.drawing.curves.push(DrawnCurve {
                 // The identity map would change the last bits of start angles, which pass through cos and
                 // atan2.
@@ -244,21 +271,4 @@ fn outer_style(
         _ => own,
     };
     (layer, line_type)
-}
-
-/// Style from the line type and the name of the layer; none for centre lines.
-fn style_of(
-    record: &Record,
-    layers: &BTreeMap<String, String>,
-    outer: Option<&(String, String)>,
-) -> Option<LineStyle> {
-    let (layer, line_type) = outer_style(record, layers, outer);
-    let mentions = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
-    if mentions(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {
-        return None;
-    }
-    Some(match mentions(&["HIDDEN", "DASH"]) {
-        true => LineStyle::Hidden,
-        false => LineStyle::Visible,
-    })
 }

@@ -2,6 +2,7 @@
 
 use super::misses::{nearly_equal_extents, nearly_meeting_ends};
 use super::nearby_curves::NearbyCurves;
+use super::sheet::{self, ReadDrawing};
 use super::{SolidJob, kinds};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
@@ -9,7 +10,7 @@ use planish_exchange::dxf::{DxfDrawing, read_dxf};
 use planish_exchange::svg::read_svg;
 use planish_exchange::{Unit, extension};
 use planish_solid::views::{
-    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined, views_of_sheet,
+    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
 };
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -27,59 +28,90 @@ const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
 /// 0.004 mm to 4e8 mm, and not of 4e9 mm.
 const SIZES_MM: [f64; 2] = [1e-3, 1e9];
 
-/// Reads the files.
-pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawing, Unit)> {
-    let mut drawing = Drawing::default();
+/// Reads the files. A sheet may have several readings, the most plausible first.
+pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
     let mut unit = None;
+    let mut files: Vec<DxfDrawing> = Vec::new();
+    let mut findings = Vec::new();
     for (path, kind) in job.views.iter().zip(kinds(job)) {
         let name = path.display();
-        let mut found = read_file(path)?;
-        if found.curves.is_empty() {
+        let mut file = read_file(path)?;
+        if file.curves.is_empty() {
             return Err(Error::input(format!(
                 "{name}: expected lines, arcs or circles of {}, found none{}",
                 match job.views.len() {
                     1 => "two or three views".to_owned(),
                     _ => format!("the {} view", kind.name()),
                 },
-                match found.findings.first() {
+                match file.findings.first() {
                     Some(warning) => format!(" ({warning})"),
                     None => String::new(),
                 }
             )));
         }
-        if let (Some(a), Some(b)) = (unit, found.unit)
+        if let (Some(a), Some(b)) = (unit, file.unit)
             && a != b
         {
             return Err(Error::input(format!(
                 "{name}: expected the unit of the previous views, {a}, found {b}"
             )));
         }
-        unit = unit.or(found.unit);
-        findings.extend(found.findings.into_iter().map(|f| f.in_context(&name)));
-        // A second copy would have to be explained by a second edge.
-        let twice = drop_repeated(&mut found.curves);
-        findings.extend(summary(twice).map(|f| f.in_context(&name)));
-        // DXF views share a frame; every SVG page has an origin of its own.
-        if extension(path) == "svg" && job.views.len() > 1 {
-            place_at_origin(&mut found.curves);
-        }
-        drawing.views.push(View { kind, curves: found.curves });
+        unit = unit.or(file.unit);
+        findings.extend(file.findings.drain(..).map(|f| f.in_context(&name)));
+        files.push(file);
     }
-    // One file holds all views: they are separated by gaps and named by their positions.
-    if let [path] = &job.views[..] {
-        let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
-        drawing =
-            views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
-    }
-    // Joining comes before the check of extents, because it can make them equal.
     let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
+    // One file holds all views: they are found among what else is drawn.
+    let mut readings = match (&job.views[..], &files[..]) {
+        ([path], [file]) => sheet::readings(file, path, unit, job)?,
+        _ => vec![separate_views(job, files)],
+    };
+    let mut failed = None;
+    readings.retain_mut(|reading| match finish(reading, unit, job) {
+        Ok(()) => true,
+        // Of several readings of a sheet, others may be consistent.
+        Err(error) => {
+            failed.get_or_insert(error);
+            false
+        }
+    });
+    if let Some(error) = failed.filter(|_| readings.is_empty()) {
+        return Err(error);
+    }
+    for reading in &mut readings {
+        reading.findings.splice(0..0, findings.iter().cloned());
+    }
+    Ok((readings, unit))
+}
+
+/// Views of one file each.
+fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
+    let mut made = ReadDrawing { drawing: Drawing::default(), sheet: None, findings: Vec::new() };
+    for ((path, kind), mut file) in job.views.iter().zip(kinds(job)).zip(files) {
+        let name = path.display();
+        // A second copy would have to be explained by a second edge.
+        let twice = drop_repeated(&mut file.curves);
+        made.findings.extend(twice.into_iter().map(|f| f.in_context(&name)));
+        // DXF views share a frame; every SVG page has an origin of its own.
+        if extension(path) == "svg" {
+            place_at_origin(&mut file.curves);
+        }
+        let mut view = View { kind, curves: std::mem::take(&mut file.curves) };
+        made.findings.extend(sheet::scale_view(&mut view, &file).map(|f| f.in_context(&name)));
+        made.drawing.views.push(view);
+    }
+    made
+}
+
+/// Joins coordinates and checks the views.
+fn finish(reading: &mut ReadDrawing, unit: Unit, job: &SolidJob) -> Result<()> {
+    // Joining comes before the check of extents, because it can make them equal.
     if let Some(tolerance) = job.tolerance.map(|length| length.in_unit(unit)) {
-        drawing = joined(&drawing, tolerance)
+        reading.drawing = joined(&reading.drawing, tolerance)
             .map_err(|e| e.in_context(format!("tolerance {tolerance:e}")).with_setting(Setting::Tolerance))?;
     }
-    check_extents(&drawing, &job.views)?;
-    check_size(&drawing, unit, job)?;
-    Ok((drawing, unit))
+    check_extents(&reading.drawing, &job.views)?;
+    check_size(&reading.drawing, unit, job)
 }
 
 /// Refuses drawings of a size at which no STEP file is valid.
@@ -112,8 +144,9 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
     all.into_iter().take(MAX_NAMED).chain(more)
 }
 
-/// Removes repeated lines and reports them. If one is visible and the other hidden, the visible one is kept.
-fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
+/// Removes repeated lines and reports the first of them. If one is visible and the other hidden, the visible one
+/// is kept.
+pub(super) fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     let all =
         Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
     let step = (REPEATED_LINE_TOLERANCE * all.size()).max(f64::MIN_POSITIVE);
@@ -158,13 +191,12 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
         }
     }
     *curves = kept;
-    repeated
+    summary(repeated).collect()
 }
 
 /// Moves the lower left corner of a view to the origin.
 fn place_at_origin(curves: &mut [DrawnCurve]) {
-    let points = || curves.iter().flat_map(|c| c.curve.points());
-    let corner = [0, 1].map(|k| points().map(|p| p[k]).fold(f64::MAX, f64::min));
+    let corner = [0, 1].map(|k| curves.iter().map(|c| c.curve.bounds()[k][0]).fold(f64::MAX, f64::min));
     for drawn in curves {
         drawn.curve = drawn.curve.moved(|p| [p[0] - corner[0], p[1] - corner[1]], false);
     }
@@ -242,13 +274,12 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
             let mut range = [f64::MAX, f64::MIN];
             let mut ends = ["", ""];
             for drawn in &view.curves {
-                for p in drawn.curve.points() {
-                    if p[k] < range[0] {
-                        (range[0], ends[0]) = (p[k], &drawn.entity);
-                    }
-                    if p[k] > range[1] {
-                        (range[1], ends[1]) = (p[k], &drawn.entity);
-                    }
+                let own = drawn.curve.bounds()[k];
+                if own[0] < range[0] {
+                    (range[0], ends[0]) = (own[0], &drawn.entity);
+                }
+                if own[1] > range[1] {
+                    (range[1], ends[1]) = (own[1], &drawn.entity);
                 }
             }
             let Some((first, other)) = seen[axis] else {

@@ -33,8 +33,8 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
     for (index, view) in drawing.views.iter().enumerate() {
         for k in 0..2 {
             let axis = view.kind.axes()[k];
-            let points = view.curves.iter().flat_map(|c| c.curve.points());
-            let [lo, hi] = points.fold([f64::MAX, f64::MIN], |[lo, hi], p| [lo.min(p[k]), hi.max(p[k])]);
+            let sides = view.curves.iter().map(|c| c.curve.bounds()[k]);
+            let [lo, hi] = sides.fold([f64::MAX, f64::MIN], |[lo, hi], s| [lo.min(s[0]), hi.max(s[1])]);
             let size = hi - lo;
             // Each later view is compared with the first one that has the axis.
             let Some((first, other)) = seen[axis] else {

@@ -176,57 +176,6 @@ fn nearly_straight_arc_is_no_cylinder() {
     assert!(matches!(last, Curve2::Chain(_)), "{last:?}");
 }
 
-/// A base of 40 × 30 × 10 with a block of 15 × 10 × 10 on its corner at the origin, on a sheet of either
-/// convention.
-fn step_on_a_sheet(projection: Projection) -> Vec<DrawnCurve> {
-    let outline = |points: &[[f64; 2]], at: &dyn Fn([f64; 2]) -> [f64; 2]| -> Vec<DrawnCurve> {
-        (0..points.len())
-            .map(|k| segment(at(points[k]), at(points[(k + 1) % points.len()]), LineStyle::Visible))
-            .collect()
-    };
-    let front = |p: [f64; 2]| [p[0] + 100.0, p[1] + 100.0];
-    let l_shape = |long: f64, short: f64| {
-        [[0.0, 0.0], [long, 0.0], [long, 10.0], [short, 10.0], [short, 20.0], [0.0, 20.0]]
-    };
-    let mut curves = outline(&l_shape(40.0, 15.0), &front);
-    // The base's edge behind the block.
-    curves.push(hidden(front([0.0, 10.0]), front([15.0, 10.0])));
-    let first = projection == Projection::FirstAngle;
-    let top = |p: [f64; 2]| [p[0] + 100.0, p[1] + if first { 50.0 } else { 150.0 }];
-    curves.extend(outline(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]], &top));
-    curves.push(segment(top([15.0, 0.0]), top([15.0, 10.0]), LineStyle::Visible));
-    curves.push(segment(top([0.0, 10.0]), top([15.0, 10.0]), LineStyle::Visible));
-    // From the left, y runs to the left, and the edge of the base lies behind the block.
-    let side = |p: [f64; 2]| [if first { 190.0 - p[0] } else { 160.0 + p[0] }, p[1] + 100.0];
-    curves.extend(outline(&l_shape(30.0, 10.0), &side));
-    let style = if first { LineStyle::Hidden } else { LineStyle::Visible };
-    curves.push(segment(side([0.0, 10.0]), side([10.0, 10.0]), style));
-    curves
-}
-
-#[test]
-fn a_sheet_of_either_convention_gives_the_same_part() {
-    for projection in [Projection::FirstAngle, Projection::ThirdAngle] {
-        let drawing = views_of_sheet(&step_on_a_sheet(projection), projection).unwrap();
-        let Solution { solid, measures, .. } = only(&drawing);
-        assert_eq!(solid.faces_by_kind()[..2], [9, 0]);
-        assert!((measures.volume - 13_500.0).abs() < 1e-9);
-        let truth =
-            [(12_000.0 * 20.0 + 1500.0 * 7.5) / 13_500.0, (12_000.0 * 15.0 + 1500.0 * 5.0) / 13_500.0];
-        assert!(
-            (measures.centroid[0] - truth[0]).abs() < 1e-9 && (measures.centroid[1] - truth[1]).abs() < 1e-9
-        );
-    }
-}
-
-#[test]
-fn views_of_the_wrong_convention_are_rejected_by_name() {
-    let e = views_of_sheet(&step_on_a_sheet(Projection::ThirdAngle), Projection::FirstAngle).unwrap_err();
-    assert!(e.to_string().contains("first-angle"), "{e}");
-    let e = views_of_sheet(&rectangle([0.0, 0.0], [4.0, 3.0]), Projection::FirstAngle).unwrap_err();
-    assert!(e.to_string().contains("found 1"), "{e}");
-}
-
 #[test]
 fn one_view_is_not_enough() {
     let mut drawing = box_with_hole();

@@ -1,0 +1,95 @@
+//! Texts, hatches and arrowheads of a sheet.
+
+use super::groups::Record;
+use crate::affine::Affine;
+use planish_estimate::Result;
+use planish_solid::sheet::{Annotations, SheetText};
+
+/// Adds what an entity says about the sheet; false if its kind says nothing.
+pub(super) fn add(annotations: &mut Annotations, record: &Record, map: &Affine) -> Result<bool> {
+    match record.kind.as_str() {
+        "TEXT" | "MTEXT" | "ATTRIB" => {
+            let text = record.groups.iter().filter(|g| g.code == 3 || g.code == 1).map(|g| g.value.as_str());
+            let text = plain_text(&text.collect::<String>());
+            if let Some(at) = place_of_text(record)? {
+                annotations.texts.push(SheetText { at: map.point(at), text });
+            }
+        }
+        "HATCH" => annotations.hatches.extend(hatch_box(record, map)?),
+        "SOLID" | "TRACE" => annotations.arrowheads.extend(triangle(record, map)?),
+        _ => return Ok(false),
+    }
+    Ok(true)
+}
+
+/// The text without codes for its format.
+pub(super) fn plain_text(text: &str) -> String {
+    let mut plain = String::new();
+    let mut left = text;
+    while let Some(at) = left.find('\\') {
+        plain.push_str(&left[..at]);
+        let code = &left[at + 1..];
+        left = match (code.chars().next(), code.find(';')) {
+            (Some('P' | '~' | 'L' | 'l' | 'O' | 'o' | 'K' | 'k'), _) => &code[1..],
+            (Some(_), Some(end)) => &code[end + 1..],
+            _ => "",
+        };
+        plain.push(' ');
+    }
+    plain.push_str(left);
+    let braces: &[char] = &['{', '}'];
+    let plain = plain.replace(braces, "").replace("%%c", " ").replace("%%C", " ");
+    plain.replace("%%p", "±").replace("%%P", "±").trim().to_owned()
+}
+
+/// Where a text is; the second point counts if the text is aligned with it.
+fn place_of_text(record: &Record) -> Result<Option<[f64; 2]>> {
+    let is_aligned = record.kind != "MTEXT"
+        && (record.number(72)?.unwrap_or(0.0) != 0.0 || record.number(73)?.unwrap_or(0.0) != 0.0);
+    let point =
+        |code: i32| Ok::<_, planish_estimate::Error>(record.number(code)?.zip(record.number(code + 10)?));
+    let second = if is_aligned { point(11)? } else { None };
+    Ok(match second {
+        Some(second) => Some(second),
+        None => point(10)?,
+    }
+    .map(|(x, y)| [x, y]))
+}
+
+/// The box of the boundary of a hatch. Centres of arcs count as corners.
+fn hatch_box(record: &Record, map: &Affine) -> Result<Option<[[f64; 2]; 2]>> {
+    let mut bounds = [[f64::MAX, f64::MIN]; 2];
+    let mut x = None;
+    // The first point is the elevation; from group 75 on, the pattern and its seeds follow.
+    let boundary = record.groups.iter().skip_while(|g| g.code != 91).take_while(|g| g.code != 75);
+    for group in boundary {
+        match group.code {
+            10 | 11 => x = Some(group.number()?),
+            20 | 21 => {
+                let Some(x) = x.take() else { continue };
+                let p = map.point([x, group.number()?]);
+                for (side, at) in bounds.iter_mut().zip(p) {
+                    *side = [side[0].min(at), side[1].max(at)];
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok((bounds[0][0] <= bounds[0][1]).then_some(bounds))
+}
+
+/// A filled triangle: the third and fourth corner of a `SOLID` are the same.
+fn triangle(record: &Record, map: &Affine) -> Result<Option<[[f64; 2]; 3]>> {
+    let mut corners = Vec::new();
+    for code in 10..14 {
+        let Some(corner) = record.number(code)?.zip(record.number(code + 10)?) else { break };
+        corners.push(map.point([corner.0, corner.1]));
+    }
+    Ok(match corners[..] {
+        [a, b, c] => Some([a, b, c]),
+        [a, b, c, d] if c == d => Some([a, b, c]),
+        // Two other corners may be the same as well.
+        [a, b, c, d] if a == b => Some([b, c, d]),
+        _ => None,
+    })
+}

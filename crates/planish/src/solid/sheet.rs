@@ -1,0 +1,169 @@
+//! Drawings of one file: the readings of the sheet that are tried, and what is reported about them.
+
+use super::drawing::drop_repeated;
+use super::{Projection, SolidJob, ViewKind};
+use planish_core::{Finding, FindingCode, Setting};
+use planish_estimate::Result;
+use planish_exchange::Unit;
+use planish_exchange::dxf::DxfDrawing;
+use planish_solid::sheet::{
+    ScaleSource, SetAsideReason, SheetOptions, SheetReading, read_sheet, scale_of_dimensions,
+};
+use planish_solid::views::{Drawing, View};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A drawing as it is searched for solids.
+pub(super) struct ReadDrawing {
+    pub drawing: Drawing,
+    /// The sheet that it comes from; none if each view has its own file.
+    pub sheet: Option<ReportedSheet>,
+    /// What was noticed on reading.
+    pub findings: Vec<Finding>,
+}
+
+/// How a sheet was read.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedSheet {
+    /// `first` or `third`.
+    pub projection: &'static str,
+    /// Length of the part per length of the drawing.
+    pub scale: f64,
+    /// The views that were used.
+    pub views: Vec<ReportedPlace>,
+    /// Entities that belong to no view.
+    pub set_aside: Vec<SetAsideEntity>,
+}
+
+/// A view on the sheet.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedPlace {
+    /// `front`, `top`, `side` or `left`.
+    pub view: &'static str,
+    /// Left, bottom, right and top on the sheet.
+    #[serde(rename = "box")]
+    pub bounds: [f64; 4],
+    /// Whether a part of it is hatched.
+    #[serde(rename = "section")]
+    pub is_section: bool,
+}
+
+/// An entity that belongs to no view.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SetAsideEntity {
+    /// The entity by kind, handle and line of the file.
+    pub entity: String,
+    /// What it is.
+    #[serde(rename = "why")]
+    pub reason: &'static str,
+}
+
+/// A place of a view on a sheet, given by the user.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewPlace {
+    /// The direction from which the view is seen.
+    pub kind: ViewKind,
+    /// Left, bottom, right and top on the sheet.
+    pub bounds: [f64; 4],
+}
+
+/// The readings of one file with all views, the most plausible first.
+pub(super) fn readings(
+    file: &DxfDrawing,
+    path: &Path,
+    unit: Unit,
+    job: &SolidJob,
+) -> Result<Vec<ReadDrawing>> {
+    let options = SheetOptions {
+        projection: job.projection,
+        views: (job.places.iter())
+            .map(|place| {
+                let [left, bottom, right, top] = place.bounds;
+                (place.kind, [[left, right], [bottom, top]])
+            })
+            .collect(),
+        unit_mm: unit.millimetres(),
+    };
+    let read = read_sheet(&file.curves, &file.annotations, &options)
+        .map_err(|e| e.in_context(path.display()).with_setting(Setting::Projection))?;
+    Ok(read.into_iter().map(|reading| candidate(reading, path)).collect())
+}
+
+fn candidate(mut reading: SheetReading, path: &Path) -> ReadDrawing {
+    let name = path.display();
+    let mut findings: Vec<Finding> = Vec::new();
+    for view in &mut reading.drawing.views {
+        findings.extend(drop_repeated(&mut view.curves).into_iter().map(|f| f.in_context(&name)));
+    }
+    findings.extend(described(&reading).into_iter().map(|f| f.in_context(&name)));
+    let sheet = ReportedSheet {
+        projection: reading.projection.name(),
+        scale: reading.scale,
+        views: (reading.views.iter())
+            .map(|view| {
+                let [[left, right], [bottom, top]] = view.bounds;
+                ReportedPlace {
+                    view: view.kind.name(),
+                    bounds: [left, bottom, right, top],
+                    is_section: view.is_section,
+                }
+            })
+            .collect(),
+        set_aside: (reading.set_aside.iter())
+            .map(|(entity, reason)| SetAsideEntity { entity: entity.clone(), reason: reason.name() })
+            .collect(),
+    };
+    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings }
+}
+
+/// What a user should know about the reading of a sheet.
+fn described(reading: &SheetReading) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut counts: BTreeMap<SetAsideReason, usize> = BTreeMap::new();
+    reading.set_aside.iter().for_each(|(_, reason)| *counts.entry(*reason).or_default() += 1);
+    if !counts.is_empty() {
+        let list: Vec<String> =
+            counts.iter().map(|(reason, count)| format!("{count} × {}", reason.name())).collect();
+        let text = format!("set aside as no part of a view: {}", list.join(", "));
+        findings.push(Finding::new(FindingCode::SheetSetAside, text));
+    }
+    match reading.scale_source {
+        ScaleSource::Unknown => {
+            let text = "the sheet states another scale than 1:1, and neither dimensions nor the frame show whether \
+                        lengths are those of the part: they are used as drawn";
+            findings.push(Finding::new(FindingCode::ScaleUnknown, text));
+        }
+        _ if reading.scale != 1.0 => {
+            let text = format!("lengths are {} times those of the drawing", reading.scale);
+            findings.push(Finding::new(FindingCode::ScaleApplied, text));
+        }
+        _ => {}
+    }
+    findings
+}
+
+/// Scales a view of a file of its own by its dimensions.
+pub(super) fn scale_view(view: &mut View, file: &DxfDrawing) -> Option<Finding> {
+    let scale = scale_of_dimensions(&file.annotations.dimensions).filter(|scale| *scale != 1.0)?;
+    let drawing =
+        Drawing { views: vec![std::mem::replace(view, View { kind: view.kind, curves: Vec::new() })] };
+    view.curves = drawing.scaled(scale).views.remove(0).curves;
+    let text = format!("lengths are {scale} times those of the drawing, as its dimensions state");
+    Some(Finding::new(FindingCode::ScaleApplied, text))
+}
+
+/// That a sheet shows different solids in both conventions.
+pub(super) fn open_convention(used: &ReportedSheet) -> Finding {
+    let (used, other) = match used.projection {
+        "first" => (Projection::FirstAngle, Projection::ThirdAngle),
+        _ => (Projection::ThirdAngle, Projection::FirstAngle),
+    };
+    let text = format!(
+        "the views are those of a solid in the {}-angle and in the {}-angle convention, and nothing on the sheet \
+         decides: the first is used; specify the projection",
+        used.name(),
+        other.name()
+    );
+    Finding::new(FindingCode::ProjectionOpen, text).with_setting(Setting::Projection)
+}

@@ -1,0 +1,316 @@
+//! Finds the views of a part on a sheet, and sets aside what else is drawn there.
+//!
+//! **Input.** The curves of one file, what accompanies them ([`Annotations`]: pens, texts, hatches, arrowheads
+//! and dimensions), and options. **Output.** A [`SheetReading`]: the views in the part's coordinates and in its
+//! true size, and why each other curve was left out.
+//!
+//! 1. A rectangle that contains everything else is a frame. It is set aside with all that touches it (zones,
+//!    title block) and all that lies within its title block (the projection symbol).
+//! 2. Curves with an arrowhead are dimensions, leaders or marks. Of the pens, those whose curves mostly have a
+//!    free end draw annotations: edges of a part end at other edges. Of the other pens beside that of the
+//!    outlines, curves with a free end are set aside.
+//! 3. Curves whose bounding boxes touch form groups. The views are the groups that are aligned with one
+//!    of them, the front view, and agree with it in their extents; of several choices, that with the most
+//!    curves. Sections, details and pictorial views align with none, or are hatched.
+//! 4. The scale is that of the dimensions, or of the title block if the frame has the size of a paper.
+//!
+//! **Limits.** A section instead of a view is not yet a view: it is used only if no other group is at its
+//! place.
+//!
+//! # References
+//! ISO 128 (lines, views), ISO 5456-2 (projection), ISO 5457 (frames), ISO 7200 (title blocks).
+
+mod annotations;
+mod choice;
+mod contacts;
+mod frame;
+mod groups;
+mod pens;
+mod scale;
+#[cfg(test)]
+mod tests;
+
+use crate::drawing::{Drawing, DrawnCurve, View, ViewKind};
+use planish_estimate::{Error, Result};
+
+pub use annotations::{Annotations, SheetDimension, SheetText};
+use choice::Choice;
+use contacts::Contacts;
+use groups::{CurveGroup, grouped};
+pub use scale::{ScaleSource, scale_of_dimensions};
+
+/// Distance within which ends touch curves, relative to the size of the sheet. It covers coordinates with four
+/// decimals; a larger value joins annotations to the part.
+const TOUCHING: f64 = 1e-5;
+
+/// Left and right, bottom and top.
+pub type SheetBox = [[f64; 2]; 2];
+
+/// Placement of the views around the front view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Projection {
+    /// Used in Europe: the view from above is below the front view, that from the left is at its right.
+    FirstAngle,
+    /// Used in America: the view from above is above the front view, that from the right is at its right.
+    ThirdAngle,
+}
+
+impl Projection {
+    /// Its name in options and JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FirstAngle => "first",
+            Self::ThirdAngle => "third",
+        }
+    }
+}
+
+/// What is known about a sheet.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SheetOptions {
+    /// The convention by which the views are placed; found from the sheet if none is given.
+    pub projection: Option<Projection>,
+    /// The places of the views on the sheet; found if empty.
+    pub views: Vec<(ViewKind, SheetBox)>,
+    /// The unit of the drawing in millimetres, by which a frame is compared with sizes of paper.
+    pub unit_mm: f64,
+}
+
+/// Why a curve is not part of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum SetAsideReason {
+    /// A frame, or what touches it.
+    Frame,
+    /// A title block or a table.
+    TitleBlock,
+    /// A dimension, a leader, a mark or a symbol.
+    Annotation,
+    /// A hatched section.
+    Section,
+    /// A view that is not aligned with the front view: a detail, a pictorial or an auxiliary view.
+    OtherView,
+    /// Not within the given places of the views.
+    Outside,
+}
+
+impl SetAsideReason {
+    /// Its description in messages and JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Frame => "frame",
+            Self::TitleBlock => "title block or table",
+            Self::Annotation => "dimension, leader or mark",
+            Self::Section => "section",
+            Self::OtherView => "view that is not aligned with the front view",
+            Self::Outside => "outside of the given views",
+        }
+    }
+}
+
+/// A view on the sheet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SheetView {
+    /// The direction from which it is seen.
+    pub kind: ViewKind,
+    /// Where it is on the sheet.
+    pub bounds: SheetBox,
+    /// Whether a part of it is hatched.
+    pub is_section: bool,
+}
+
+/// The views of a sheet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SheetReading {
+    /// The views in the part's coordinates; the lower left corner of each is the origin.
+    pub drawing: Drawing,
+    /// The convention by which the views are placed.
+    pub projection: Projection,
+    /// Length of the part per length of the drawing.
+    pub scale: f64,
+    /// From what the scale is known.
+    pub scale_source: ScaleSource,
+    /// Where the views are.
+    pub views: Vec<SheetView>,
+    /// Entities that belong to no view, and why.
+    pub set_aside: Vec<(String, SetAsideReason)>,
+}
+
+/// Reads a sheet; the most plausible reading first. Other readings follow where the sheet leaves the
+/// convention open, or where another front view explains nearly as many curves.
+///
+/// ```
+/// use planish_solid::drawing::{Curve2, DrawnCurve, LineStyle, ViewKind};
+/// use planish_solid::sheet::{Annotations, Projection, SheetOptions, read_sheet};
+///
+/// let rectangle = |x: f64, y: f64, width: f64, height: f64| {
+///     let corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
+///     (0..4).map(move |k| DrawnCurve {
+///         curve: Curve2::Segment(corners[k], corners[(k + 1) % 4]),
+///         style: LineStyle::Visible,
+///         entity: format!("line {k}"),
+///     })
+/// };
+/// // A frame, the front view, and above it the view from above.
+/// let frame = rectangle(-10.0, -10.0, 120.0, 100.0);
+/// let sheet: Vec<_> = frame.chain(rectangle(0.0, 0.0, 40.0, 20.0)).chain(rectangle(0.0, 50.0, 40.0, 30.0)).collect();
+/// let readings = read_sheet(&sheet, &Annotations::default(), &SheetOptions::default())?;
+/// let kinds: Vec<_> = readings[0].views.iter().map(|v| v.kind).collect();
+/// assert_eq!(kinds, [ViewKind::Front, ViewKind::Top]);
+/// assert_eq!(readings[0].projection, Projection::ThirdAngle);
+/// assert_eq!(readings[0].set_aside.len(), 4);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
+/// # Errors
+/// `Input` if there are fewer than two aligned groups of curves, or none where the given convention places a
+/// view. The message names an entity of the group.
+pub fn read_sheet(
+    curves: &[DrawnCurve],
+    annotations: &Annotations,
+    options: &SheetOptions,
+) -> Result<Vec<SheetReading>> {
+    let mut reader = SheetReader::new(curves, annotations);
+    let found_frame = reader.set_aside_frames();
+    reader.set_aside_tables();
+    reader.set_aside_annotations();
+    let scale = scale::scale_of(annotations, found_frame.as_ref(), options.unit_mm);
+    let choices = match options.views.is_empty() {
+        true => {
+            choice::choices(&reader.groups()?, options.projection, found_frame.and_then(|f| f.projection))
+                .map_err(|(group, text)| reader.explain(group, &text))?
+        }
+        false => vec![reader.given(&options.views, options.projection)?],
+    };
+    Ok(choices.iter().map(|choice| reader.reading(choice, scale)).collect())
+}
+
+/// A sheet while its curves are sorted.
+struct SheetReader<'a> {
+    curves: &'a [DrawnCurve],
+    annotations: &'a Annotations,
+    contacts: Contacts,
+    boxes: Vec<SheetBox>,
+    /// Why each curve is set aside; none while it may belong to a view.
+    reasons: Vec<Option<SetAsideReason>>,
+    /// Accuracy of contacts.
+    near: f64,
+}
+
+impl<'a> SheetReader<'a> {
+    fn new(curves: &'a [DrawnCurve], annotations: &'a Annotations) -> Self {
+        let boxes: Vec<SheetBox> = curves.iter().map(|c| c.curve.bounds()).collect();
+        let near = TOUCHING * groups::size_of_boxes(&boxes);
+        let contacts = Contacts::new(curves, &boxes, near);
+        Self { curves, annotations, contacts, boxes, reasons: vec![None; curves.len()], near }
+    }
+
+    fn is_left(&self, curve: usize) -> bool {
+        self.reasons[curve].is_none()
+    }
+
+    fn set_aside(&mut self, curves: impl IntoIterator<Item = usize>, reason: SetAsideReason) {
+        for curve in curves {
+            self.reasons[curve].get_or_insert(reason);
+        }
+    }
+
+    fn groups(&self) -> Result<Vec<CurveGroup>> {
+        let left: Vec<usize> = (0..self.curves.len()).filter(|k| self.is_left(*k)).collect();
+        let mut groups = grouped(&left, &self.boxes, groups::size_of_boxes(&self.boxes))?;
+        for group in &mut groups {
+            group.is_section = self
+                .annotations
+                .hatches
+                .iter()
+                .any(|hatch| groups::is_within(hatch, &group.bounds, self.near));
+        }
+        Ok(groups)
+    }
+
+    /// The groups at the given places.
+    fn given(&self, places: &[(ViewKind, SheetBox)], projection: Option<Projection>) -> Result<Choice> {
+        let mut views = Vec::new();
+        for (kind, place) in places {
+            let within = |k: &usize| self.is_left(*k) && groups::is_within(&self.boxes[*k], place, self.near);
+            let curves: Vec<usize> = (0..self.curves.len()).filter(within).collect();
+            if curves.is_empty() {
+                let [[left, right], [bottom, top]] = place;
+                return Err(Error::input(format!(
+                    "expected lines of the {} view from ({left}, {bottom}) to ({right}, {top}), found none",
+                    kind.name()
+                )));
+            }
+            let bounds = groups::joined_box(curves.iter().map(|k| self.boxes[*k]));
+            views.push((*kind, CurveGroup { curves, bounds, is_section: false }));
+        }
+        Ok(Choice { views, projection: projection.unwrap_or(Projection::ThirdAngle), are_given: true })
+    }
+
+    fn explain(&self, group: Option<usize>, text: &str) -> Error {
+        match group {
+            Some(curve) => Error::input(format!("{}: {text}", self.curves[curve].entity)),
+            None => Error::input(text.to_owned()),
+        }
+    }
+
+    fn reading(&self, choice: &Choice, (scale, scale_source): (f64, ScaleSource)) -> SheetReading {
+        let drawing = Drawing {
+            views: choice.views.iter().map(|(kind, group)| self.placed(*kind, group, scale)).collect(),
+        };
+        let mut is_used = vec![false; self.curves.len()];
+        choice.views.iter().flat_map(|(_, group)| &group.curves).for_each(|k| is_used[*k] = true);
+        let reason = |k: usize| match self.reasons[k] {
+            Some(reason) => reason,
+            None if choice.are_given => SetAsideReason::Outside,
+            None if self.is_hatched(k) => SetAsideReason::Section,
+            None => SetAsideReason::OtherView,
+        };
+        let unused = (0..self.curves.len()).filter(|k| !is_used[*k]);
+        let mut set_aside: Vec<(String, SetAsideReason)> =
+            unused.map(|k| (self.curves[k].entity.clone(), reason(k))).collect();
+        // A polyline has several curves.
+        set_aside.dedup();
+        SheetReading {
+            drawing,
+            projection: choice.projection,
+            scale,
+            scale_source,
+            views: (choice.views.iter())
+                .map(|(kind, group)| SheetView {
+                    kind: *kind,
+                    bounds: group.bounds,
+                    is_section: group.is_section,
+                })
+                .collect(),
+            set_aside,
+        }
+    }
+
+    /// Whether a curve touches the box of a hatch.
+    fn is_hatched(&self, curve: usize) -> bool {
+        self.annotations.hatches.iter().any(|hatch| groups::touch(hatch, &self.boxes[curve], self.near))
+    }
+
+    /// The curves of a group as a view, in the part's coordinates.
+    fn placed(&self, kind: ViewKind, group: &CurveGroup, scale: f64) -> View {
+        // In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all views.
+        let is_mirrored = kind == ViewKind::Left;
+        let [[left, right], [bottom, _]] = group.bounds;
+        let x = if is_mirrored { right } else { left };
+        let at = |p: [f64; 2]| {
+            let across = p[0] - x;
+            [if is_mirrored { -across } else { across }, p[1] - bottom]
+        };
+        let moved = |&k: &usize| DrawnCurve {
+            curve: self.curves[k].curve.moved(at, is_mirrored),
+            ..self.curves[k].clone()
+        };
+        let view = View { kind, curves: group.curves.iter().map(moved).collect() };
+        match scale == 1.0 {
+            true => view,
+            false => Drawing { views: vec![view] }.scaled(scale).views.remove(0),
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! What a file says about a sheet beside its curves.
+
+use super::SheetBox;
+
+/// What accompanies the curves of a sheet.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Annotations {
+    /// The pen of each curve: a number for layer, colour, weight and line type. Without pens, all curves have
+    /// the same.
+    pub pens: Vec<u32>,
+    /// Texts outside of dimensions.
+    pub texts: Vec<SheetText>,
+    /// Boxes of hatched regions.
+    pub hatches: Vec<SheetBox>,
+    /// Corners of filled triangles, such as arrowheads.
+    pub arrowheads: Vec<[[f64; 2]; 3]>,
+    /// Dimensions of lengths.
+    pub dimensions: Vec<SheetDimension>,
+}
+
+/// A text.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SheetText {
+    /// Where it begins, or its middle.
+    pub at: [f64; 2],
+    /// The text without codes for its format.
+    pub text: String,
+}
+
+/// A dimension of a length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SheetDimension {
+    /// The length between its points in the drawing.
+    pub drawn: f64,
+    /// The length that its text states.
+    pub stated: f64,
+    /// Half of the last digit of the text; zero if the length is known to all digits.
+    pub rounding: f64,
+}
+
+impl Annotations {
+    /// The pen of a curve.
+    pub(super) fn pen(&self, curve: usize) -> u32 {
+        self.pens.get(curve).copied().unwrap_or(0)
+    }
+}
