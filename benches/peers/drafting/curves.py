@@ -1,0 +1,176 @@
+"""Plane curves of a view, in millimetres: lines, arcs, ellipses and splines, and joining of their pieces."""
+
+import dataclasses
+import math
+
+NEAR = 1e-5
+
+
+@dataclasses.dataclass
+class Curve:
+    """`line`: (p, q); `arc`: (centre, radius, start, sweep) in degrees; `ellipse`: (centre, major axis, ratio,
+    start, sweep) in degrees of the parameter; `spline`: (degree, knots, poles, weights or None)."""
+
+    kind: str
+    data: tuple
+    visible: bool = True
+    smooth: bool = False
+
+    def mapped(self, change, factor):
+        """The curve after a translation and a scaling; `change` maps points, `factor` lengths."""
+        d = self.data
+        if self.kind == "line":
+            data = (change(d[0]), change(d[1]))
+        elif self.kind == "arc":
+            data = (change(d[0]), d[1] * factor, d[2], d[3])
+        elif self.kind == "ellipse":
+            data = (change(d[0]), (d[1][0] * factor, d[1][1] * factor), *d[2:])
+        else:
+            data = (d[0], d[1], [change(p) for p in d[2]], d[3])
+        return dataclasses.replace(self, data=data)
+
+    def points(self, count=48):
+        d = self.data
+        steps = [k / count for k in range(count + 1)]
+        if self.kind == "line":
+            return [tuple(d[0][k] + t * (d[1][k] - d[0][k]) for k in (0, 1)) for t in steps]
+        if self.kind == "arc":
+            return [on_circle(d[0], d[1], d[2] + t * d[3]) for t in steps]
+        if self.kind == "ellipse":
+            return [on_ellipse(d, d[3] + t * d[4]) for t in steps]
+        return spline_points(d, count)
+
+    def is_closed(self):
+        return self.kind in ("arc", "ellipse") and self.data[-1] >= 360
+
+
+def on_circle(center, radius, angle_deg):
+    angle = math.radians(angle_deg)
+    return center[0] + radius * math.cos(angle), center[1] + radius * math.sin(angle)
+
+
+def on_ellipse(data, parameter_deg):
+    center, major, ratio = data[:3]
+    c, s = math.cos(math.radians(parameter_deg)), ratio * math.sin(math.radians(parameter_deg))
+    return center[0] + c * major[0] - s * major[1], center[1] + c * major[1] + s * major[0]
+
+
+def spline_points(data, count):
+    from ezdxf.math import BSpline
+
+    degree, knots, poles, weights = data
+    curve = BSpline(poles, order=degree + 1, knots=knots, weights=weights)
+    lo, hi = knots[degree], knots[-degree - 1]
+    return [(p.x, p.y) for p in curve.points(lo + (hi - lo) * k / count for k in range(count + 1))]
+
+
+def box_of(curves):
+    """Left, bottom, right and top of curves."""
+    points = [p for c in curves for p in c.points()]
+    return (
+        min(p[0] for p in points),
+        min(p[1] for p in points),
+        max(p[0] for p in points),
+        max(p[1] for p in points),
+    )
+
+
+def union(intervals):
+    joined = []
+    for lo, hi in sorted(intervals):
+        if joined and lo <= joined[-1][1] + NEAR:
+            joined[-1][1] = max(joined[-1][1], hi)
+        else:
+            joined.append([lo, hi])
+    return joined
+
+
+def without(intervals, covered):
+    """The parts of intervals that other intervals do not cover."""
+    for lo, hi in covered:
+        left = []
+        for a, b in intervals:
+            left += [(x, y) for x, y in ((a, min(b, lo)), (max(a, hi), b)) if y - x > NEAR]
+        intervals = left
+    return intervals
+
+
+def carrier_of(curve):
+    """The unbounded curve on which a curve lies, as numbers, and the interval that it covers there."""
+    d = curve.data
+    if curve.kind == "line":
+        (x, y), (u, v) = d
+        angle = math.atan2(v - y, u - x) % math.pi
+        angle = 0.0 if math.pi - angle < 1e-9 else angle
+        along = (math.cos(angle), math.sin(angle))
+        reach = sorted((x * along[0] + y * along[1], u * along[0] + v * along[1]))
+        return ("line", angle * 100, y * along[0] - x * along[1]), tuple(reach)
+    if curve.kind == "arc":
+        return ("arc", d[0][0], d[0][1], d[1]), (d[2] % 360, d[2] % 360 + d[3])
+    turn = math.degrees(math.atan2(d[1][1], d[1][0]))
+    shift = 180 if turn % 360 >= 180 - 1e-9 else 0
+    start = (d[3] + shift) % 360
+    size = math.hypot(*d[1])
+    return ("ellipse", d[0][0], d[0][1], turn % 180, size, d[2]), (start, start + d[4])
+
+
+def from_carrier(carrier, lo, hi, visible):
+    if carrier[0] == "line":
+        c, s = math.cos(carrier[1] / 100), math.sin(carrier[1] / 100)
+        at = lambda t: (t * c - carrier[2] * s, t * s + carrier[2] * c)
+        return Curve("line", (at(lo), at(hi)), visible)
+    if carrier[0] == "arc":
+        return Curve("arc", (carrier[1:3], carrier[3], lo, min(hi - lo, 360.0)), visible)
+    turn = math.radians(carrier[3])
+    major = (carrier[4] * math.cos(turn), carrier[4] * math.sin(turn))
+    return Curve("ellipse", (carrier[1:3], major, carrier[5], lo, min(hi - lo, 360.0)), visible)
+
+
+def cyclic(intervals):
+    """Cuts intervals of angles at 360°."""
+    parts = []
+    for lo, hi in intervals:
+        parts += [(0.0, 360.0)] if hi - lo > 360 - 1e-6 else [(lo, min(hi, 360.0))]
+        if hi > 360 and hi - lo <= 360 - 1e-6:
+            parts.append((0.0, hi - 360))
+    return parts
+
+
+def rejoined(intervals):
+    """Joins an interval that ends at 360° with one that begins at 0°."""
+    intervals = [list(i) for i in intervals]
+    if len(intervals) > 1 and intervals[0][0] < NEAR and intervals[-1][1] > 360 - NEAR:
+        first = intervals.pop(0)
+        intervals[-1][1] += first[1]
+    return intervals
+
+
+def tidy(curves):
+    """Joins pieces of one line or circle, and removes hidden pieces that lie under visible ones."""
+    carriers, others = [], []
+    for curve in curves:
+        if curve.kind == "spline":
+            others.append(curve)
+            continue
+        key, interval = carrier_of(curve)
+        found = next((c for c in carriers if same(c[0], key)), None)
+        if found is None:
+            found = (key, {True: [], False: []})
+            carriers.append(found)
+        found[1][curve.visible].append(interval)
+    result = []
+    for key, pieces in carriers:
+        turns = key[0] != "line"
+        seen = union(cyclic(pieces[True]) if turns else pieces[True])
+        hidden = without(union(cyclic(pieces[False]) if turns else pieces[False]), seen)
+        for visible, intervals in ((True, seen), (False, hidden)):
+            for lo, hi in rejoined(intervals) if turns else intervals:
+                if hi - lo > 1e-4:
+                    result.append(from_carrier(key, lo, hi, visible))
+    return result + others
+
+
+def same(a, b):
+    if a[0] != b[0]:
+        return False
+    return all(abs(x - y) < 2e-5 for x, y in zip(a[1:], b[1:]))

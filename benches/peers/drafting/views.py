@@ -1,0 +1,287 @@
+"""Views of a solid by exact hidden-line removal, their completeness, and sections."""
+
+import math
+
+import numpy
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
+from OCP.BRepClass import BRepClass_FaceClassifier
+from OCP.BRepLib import BRepLib
+from OCP.BRepTools import BRepTools, BRepTools_WireExplorer
+from OCP.GeomAbs import (
+    GeomAbs_BSplineCurve,
+    GeomAbs_Circle,
+    GeomAbs_Cylinder,
+    GeomAbs_Ellipse,
+    GeomAbs_Line,
+    GeomAbs_Plane,
+)
+from OCP.gp import gp_Ax2, gp_Dir, gp_Lin, gp_Pnt, gp_Pnt2d, gp_Vec
+from OCP.HLRAlgo import HLRAlgo_Projector
+from OCP.HLRBRep import HLRBRep_Algo, HLRBRep_HLRToShape
+from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_IN, TopAbs_REVERSED, TopAbs_WIRE
+from OCP.TopExp import TopExp
+from OCP.TopoDS import TopoDS
+from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape
+
+from .curves import Curve, tidy
+from .shapes import box, cut, edges_of, faces_of, parts_of, to_face
+
+# Direction towards the eye, and the direction that points to the right.
+DIRECTIONS = {
+    "front": ((0, -1, 0), (1, 0, 0)),
+    "top": ((0, 0, 1), (1, 0, 0)),
+    "right": ((1, 0, 0), (0, 1, 0)),
+    "left": ((-1, 0, 0), (0, -1, 0)),
+    "iso": ((1, -1, 1), (1, 1, 0)),
+}
+to_wire = getattr(TopoDS, "Wire_s", None) or TopoDS.Wire
+
+
+def axes_of(view):
+    """Unit vectors to the right, upwards and towards the eye."""
+    eye, right = (numpy.array(v, float) / numpy.linalg.norm(v) for v in DIRECTIONS[view])
+    return right, numpy.cross(eye, right), eye
+
+
+def curve_of(edge, visible, smooth):
+    curve = BRepAdaptor_Curve(edge)
+    lo, hi = curve.FirstParameter(), curve.LastParameter()
+    at = lambda t: (curve.Value(t).X(), curve.Value(t).Y())
+    kind = curve.GetType()
+    if kind == GeomAbs_Line:
+        return Curve("line", (at(lo), at(hi)), visible, smooth)
+    if kind in (GeomAbs_Circle, GeomAbs_Ellipse):
+        conic = curve.Circle() if kind == GeomAbs_Circle else curve.Ellipse()
+        center = (conic.Location().X(), conic.Location().Y())
+        if conic.Axis().Direction().Z() < 0:
+            lo, hi = -hi, -lo
+        x = conic.XAxis().Direction()
+        start, sweep = math.degrees(lo), math.degrees(hi - lo)
+        if kind == GeomAbs_Circle:
+            turn = math.degrees(math.atan2(x.Y(), x.X()))
+            return Curve("arc", (center, conic.Radius(), start + turn, sweep), visible, smooth)
+        major = conic.MajorRadius()
+        ratio = conic.MinorRadius() / major
+        return Curve("ellipse", (center, (major * x.X(), major * x.Y()), ratio, start, sweep), visible, smooth)
+    points = [at(lo + (hi - lo) * k / 32) for k in range(33)]
+    (x, y), (u, v) = points[0], points[-1]
+    length = math.hypot(u - x, v - y)
+    if length > 1e-6 and max(abs((p[0] - x) * (v - y) - (p[1] - y) * (u - x)) for p in points) < 1e-6 * length:
+        return Curve("line", (points[0], points[-1]), visible, smooth)
+    return Curve("spline", spline_of(curve, kind, points), visible, smooth)
+
+
+def spline_of(curve, kind, points):
+    """The spline itself, or one through points of another curve."""
+    if kind == GeomAbs_BSplineCurve:
+        spline = curve.BSpline()
+        poles = [(spline.Pole(k).X(), spline.Pole(k).Y()) for k in range(1, spline.NbPoles() + 1)]
+        knots = []
+        for k in range(1, spline.NbKnots() + 1):
+            knots += [spline.Knot(k)] * spline.Multiplicity(k)
+        weights = [spline.Weight(k) for k in range(1, spline.NbPoles() + 1)] if spline.IsRational() else None
+        return spline.Degree(), knots, poles, weights
+    from ezdxf.math import global_bspline_interpolation
+
+    fitted = global_bspline_interpolation(points)
+    return fitted.degree, list(fitted.knots()), [(p.x, p.y) for p in fitted.control_points], None
+
+
+def project(shape, view, smooth=False, hidden=True):
+    """Curves of a view, in the coordinates along the right and the upward axis of the view."""
+    eye, right = DIRECTIONS[view]
+    algorithm = HLRBRep_Algo()
+    algorithm.Add(shape)
+    algorithm.Projector(HLRAlgo_Projector(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(*eye), gp_Dir(*right))))
+    algorithm.Update()
+    algorithm.Hide()
+    found = HLRBRep_HLRToShape(algorithm)
+    groups = [(found.VCompound(), True, False), (found.OutLineVCompound(), True, False)]
+    groups += [(found.HCompound(), False, False), (found.OutLineHCompound(), False, False)] if hidden else []
+    groups += [(found.Rg1LineVCompound(), True, True)] if smooth else []
+    curves = []
+    for compound, visible, is_smooth in groups:
+        if compound is None or compound.IsNull():
+            continue
+        BRepLib.BuildCurves3d_s(compound)
+        curves += [curve_of(e, visible, is_smooth) for e in edges_of(compound)]
+    return tidy(curves)
+
+
+def sharp_edges(shape):
+    """Edges between two faces that meet at an angle."""
+    owners = TopTools_IndexedDataMapOfShapeListOfShape()
+    TopExp.MapShapesAndAncestors_s(shape, TopAbs_EDGE, TopAbs_FACE, owners)
+    for edge in edges_of(shape):
+        faces = [to_face(f) for f in owners.FindFromKey(edge)]
+        if len(faces) < 2 or BRep_Tool.Degenerated_s(edge) or BRep_Tool.IsClosed_s(edge, faces[0]):
+            continue
+        if not BRep_Tool.HasContinuity_s(edge, faces[0], faces[-1]):
+            yield edge
+        elif int(BRep_Tool.Continuity_s(edge, faces[0], faces[-1]).value) == 0:
+            yield edge
+
+
+def distances(points, curves):
+    """Distance of each point from the nearest curve."""
+    nearest = numpy.full(len(points), numpy.inf)
+    points = numpy.array(points)
+    for curve in curves:
+        chain = numpy.array(curve.points(1 if curve.kind == "line" else 96))
+        a, b = chain[:-1], chain[1:]
+        along = b - a
+        square = numpy.maximum((along**2).sum(1), 1e-18)
+        to = points[:, None, :] - a[None]
+        share = numpy.clip((to * along[None]).sum(2) / square, 0, 1)
+        away = to - share[:, :, None] * along[None]
+        nearest = numpy.minimum(nearest, numpy.sqrt((away**2).sum(2)).min(1))
+    return nearest
+
+
+def silhouette(face, eye):
+    """Points of a curved face where it is seen edge-on."""
+    surface = BRepAdaptor_Surface(face)
+    if surface.GetType() == GeomAbs_Plane:
+        return
+    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+
+    def facing(u, v):
+        point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
+        surface.D1(u, v, point, du, dv)
+        normal = du.Crossed(dv)
+        return normal.X() * eye[0] + normal.Y() * eye[1] + normal.Z() * eye[2], point
+
+    for v in (v0 + (v1 - v0) * k for k in (0.23, 0.52, 0.81)):
+        grid = [u0 + (u1 - u0) * k / 24 for k in range(25)]
+        for lo, hi in zip(grid, grid[1:]):
+            # A face seen edge-on as a whole has no outline but its edges.
+            if facing(lo, v)[0] * facing(hi, v)[0] > -1e-9:
+                continue
+            for _ in range(40):
+                middle = (lo + hi) / 2
+                lo, hi = (middle, hi) if facing(lo, v)[0] * facing(middle, v)[0] > 0 else (lo, middle)
+            if BRepClass_FaceClassifier(face, gp_Pnt2d(lo, v), 1e-4).State() == TopAbs_IN:
+                yield facing(lo, v)[1]
+
+
+class Sight:
+    """Whether a point of a shape can be seen, by rays that pass close to it."""
+
+    def __init__(self, shape, view):
+        self.axes = axes_of(view)
+        self.rays = IntCurvesFace_ShapeIntersector()
+        self.rays.Load(shape, 1e-7)
+
+    def sees(self, point):
+        right, up, eye = self.axes
+        for k in range(8):
+            angle = math.radians(45 * k + 11)
+            start = point + 0.004 * (math.cos(angle) * right + math.sin(angle) * up)
+            self.rays.Perform(gp_Lin(gp_Pnt(*start), gp_Dir(*eye)), 0.05, 1e4)
+            if self.rays.NbPnt() == 0:
+                return True
+        return False
+
+
+def flaws(shape, view, curves):
+    """Number of points of edges and outlines that the view lacks, and of visible ones not drawn visible."""
+    right, up, eye = axes_of(view)
+    points = []
+    for edge in sharp_edges(shape):
+        curve = BRepAdaptor_Curve(edge)
+        lo, hi = curve.FirstParameter(), curve.LastParameter()
+        points += [curve.Value(lo + (hi - lo) * k) for k in (0.07, 0.31, 0.55, 0.79, 0.96)]
+    outlines = [p for face in faces_of(shape) for p in silhouette(face, eye)]
+    points = numpy.array([(p.X(), p.Y(), p.Z()) for p in points + outlines])
+    flat = numpy.stack([points @ right, points @ up], axis=1)
+    missing = int((distances(flat, curves) > 0.01).sum())
+    unseen = distances(flat, [c for c in curves if c.visible]) > 0.01
+    sight = Sight(shape, view)
+    return missing, sum(sight.sees(p) for p in points[unseen])
+
+
+def section_plane(shape, axis, dice):
+    """A position along the axis that passes through a hole if there is one, else the middle."""
+    low, high = (min, max)
+    found = []
+    for face in faces_of(shape):
+        surface = BRepAdaptor_Surface(face)
+        if surface.GetType() == GeomAbs_Cylinder:
+            at = surface.Cylinder().Axis()
+            along = (at.Direction().X(), at.Direction().Y(), at.Direction().Z())[axis]
+            if abs(along) < 1e-6:
+                found.append((at.Location().X(), at.Location().Y(), at.Location().Z())[axis])
+    from .shapes import bounds
+
+    low, high = (b[axis] for b in bounds(shape))
+    inside = sorted({round(x, 6) for x in found if low + 1 < x < high - 1})
+    return dice.choice(inside) if inside else (low + high) / 2
+
+
+def section(shape, view, at):
+    """Curves of the part behind a plane across the direction of view, and the outlines of the cut faces."""
+    right, up, eye = axes_of(view)
+    axis = int(numpy.argmax(numpy.abs(eye)))
+    lo, hi = [-1e4] * 3, [1e4] * 3
+    (lo if eye[axis] > 0 else hi)[axis] = at
+    rest = cut(shape, box(lo, hi))
+    outlines = []
+    for face in faces_of(rest):
+        surface = BRepAdaptor_Surface(face)
+        if surface.GetType() != GeomAbs_Plane:
+            continue
+        plane = surface.Plane()
+        normal = plane.Axis().Direction()
+        where = (plane.Location().X(), plane.Location().Y(), plane.Location().Z())[axis]
+        if abs(abs((normal.X(), normal.Y(), normal.Z())[axis]) - 1) < 1e-9 and abs(where - at) < 1e-6:
+            outlines.append([wire_points(w, face, right, up) for w in parts_of(face, TopAbs_WIRE)])
+    return project(rest, view, hidden=False), outlines
+
+
+def wire_points(wire, face, right, up):
+    explorer, points = BRepTools_WireExplorer(to_wire(wire), face), []
+    while explorer.More():
+        edge = explorer.Current()
+        curve = BRepAdaptor_Curve(edge)
+        lo, hi = curve.FirstParameter(), curve.LastParameter()
+        count = 1 if curve.GetType() == GeomAbs_Line else 24
+        steps = [lo + (hi - lo) * k / count for k in range(count)]
+        if edge.Orientation() == TopAbs_REVERSED:
+            steps = [hi - (hi - lo) * k / count for k in range(count)]
+        found = [numpy.array([curve.Value(t).X(), curve.Value(t).Y(), curve.Value(t).Z()]) for t in steps]
+        points += [(float(p @ right), float(p @ up)) for p in found]
+        explorer.Next()
+    return points
+
+
+def axes_and_centres(shape, view):
+    """Centre lines of holes and round ends: (centre, radius) of circles, (begin, end) of axes, in the view."""
+    right, up, eye = axes_of(view)
+    circles, lines = set(), set()
+    for face in faces_of(shape):
+        surface = BRepAdaptor_Surface(face)
+        if surface.GetType() != GeomAbs_Cylinder:
+            continue
+        u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+        if u1 - u0 < 2.9:
+            continue
+        axis = surface.Cylinder().Axis()
+        along = numpy.array([axis.Direction().X(), axis.Direction().Y(), axis.Direction().Z()])
+        at = numpy.array([axis.Location().X(), axis.Location().Y(), axis.Location().Z()])
+        flat = lambda p: (round(float(p @ right), 5), round(float(p @ up), 5))
+        if abs(abs(along @ eye) - 1) < 1e-9:
+            circles.add((flat(at), round(surface.Cylinder().Radius(), 5)))
+        elif abs(along @ eye) < 1e-9:
+            lines.add(tuple(sorted((flat(at + (v0 - 3) * along), flat(at + (v1 + 3) * along)))))
+    largest = {}
+    for center, radius in circles:
+        largest[center] = max(radius, largest.get(center, 0))
+    return list(largest.items()), joined_axes(lines)
+
+
+def joined_axes(lines):
+    """Joins overlapping axes on one line."""
+    joined = tidy([Curve("line", line) for line in lines])
+    return [c.data for c in joined]
