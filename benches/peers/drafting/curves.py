@@ -3,6 +3,9 @@
 import dataclasses
 import math
 
+import numpy
+from scipy.interpolate import BSpline
+
 NEAR = 1e-5
 
 
@@ -56,12 +59,9 @@ def on_ellipse(data, parameter_deg):
 
 
 def spline_points(data, count):
-    from ezdxf.math import BSpline
-
-    degree, knots, poles, weights = data
-    curve = BSpline(poles, order=degree + 1, knots=knots, weights=weights)
-    lo, hi = knots[degree], knots[-degree - 1]
-    return [(p.x, p.y) for p in curve.points(lo + (hi - lo) * k / count for k in range(count + 1))]
+    degree, knots, poles, _ = data
+    curve = BSpline(knots, numpy.array(poles), degree)
+    return [tuple(map(float, p)) for p in curve(numpy.linspace(knots[degree], knots[-degree - 1], count + 1))]
 
 
 def box_of(curves):
@@ -167,10 +167,48 @@ def tidy(curves):
             for lo, hi in rejoined(intervals) if turns else intervals:
                 if hi - lo > 1e-4:
                     result.append(from_carrier(key, lo, hi, visible))
-    return result + others
+    return result + distinct(others)
+
+
+def distinct(splines):
+    """Splines that do not lie on another one; visible ones are kept first."""
+    kept = []
+    for curve in sorted(splines, key=lambda c: not c.visible):
+        if not any(distances(curve.points(12), [c]).max() < 2e-4 for c in kept):
+            kept.append(curve)
+    return kept
 
 
 def same(a, b):
     if a[0] != b[0]:
         return False
     return all(abs(x - y) < 2e-5 for x, y in zip(a[1:], b[1:]))
+
+
+def distances(points, curves):
+    """Distance of each point from the nearest curve; ellipses and splines are taken as fine polygons."""
+    points = numpy.array(points, float)
+    nearest = numpy.full(len(points), numpy.inf)
+    for curve in curves:
+        nearest = numpy.minimum(nearest, from_arc(points, curve) if curve.kind == "arc" else from_chain(points, curve))
+    return nearest
+
+
+def from_arc(points, curve):
+    center, radius, start, sweep = curve.data
+    to = points - numpy.array(center)
+    angle = (numpy.degrees(numpy.arctan2(to[:, 1], to[:, 0])) - start) % 360
+    radial = numpy.abs(numpy.hypot(to[:, 0], to[:, 1]) - radius)
+    ends = numpy.array([on_circle(center, radius, start), on_circle(center, radius, start + sweep)])
+    end = numpy.linalg.norm(points[:, None] - ends[None], axis=2).min(1)
+    return numpy.where((angle <= sweep) | (sweep >= 360), radial, end)
+
+
+def from_chain(points, curve):
+    chain = numpy.array(curve.points(1 if curve.kind == "line" else 300))
+    a, along = chain[:-1], chain[1:] - chain[:-1]
+    square = numpy.maximum((along**2).sum(1), 1e-18)
+    to = points[:, None, :] - a[None]
+    share = numpy.clip((to * along[None]).sum(2) / square, 0, 1)
+    away = to - share[:, :, None] * along[None]
+    return numpy.sqrt((away**2).sum(2)).min(1)

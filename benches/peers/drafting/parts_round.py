@@ -258,6 +258,6 @@ def random_part(dice, family=None, turn_deg=0.0):
     if len(solids_of(shape)) != count or not is_valid(shape):
         return None
     low, _ = bounds(shape)
-    shape = moved(shape, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [-c for c in low])
+    shape = moved(shape, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [-round(c, 6) for c in low])
     return shape, family, sorted(features)
 

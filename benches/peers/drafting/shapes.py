@@ -60,8 +60,10 @@ def parts_of(shape, kind):
     explorer, seen = TopExp_Explorer(shape, kind), set()
     while explorer.More():
         found = explorer.Current()
-        if found not in seen:
-            seen.add(found)
+        # `==` compares orientations, too; the hash depends on the geometry and its place only.
+        key = hash(found)
+        if key not in seen:
+            seen.add(key)
             yield found
         explorer.Next()
 

@@ -9,7 +9,7 @@ from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepLib import BRepLib
 from OCP.BRepTools import BRepTools, BRepTools_WireExplorer
 from OCP.GeomAbs import (
-    GeomAbs_BSplineCurve,
+    GeomAbs_C0,
     GeomAbs_Circle,
     GeomAbs_Cylinder,
     GeomAbs_Ellipse,
@@ -20,13 +20,12 @@ from OCP.gp import gp_Ax2, gp_Dir, gp_Lin, gp_Pnt, gp_Pnt2d, gp_Vec
 from OCP.HLRAlgo import HLRAlgo_Projector
 from OCP.HLRBRep import HLRBRep_Algo, HLRBRep_HLRToShape
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_IN, TopAbs_REVERSED, TopAbs_WIRE
-from OCP.TopExp import TopExp
+from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED, TopAbs_WIRE
 from OCP.TopoDS import TopoDS
-from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape
+from scipy.interpolate import make_interp_spline
 
-from .curves import Curve, tidy
-from .shapes import box, cut, edges_of, faces_of, parts_of, to_face
+from .curves import Curve, distances, tidy
+from .shapes import box, cut, edges_of, faces_of, parts_of
 
 # Direction towards the eye, and the direction that points to the right.
 DIRECTIONS = {
@@ -65,28 +64,20 @@ def curve_of(edge, visible, smooth):
         major = conic.MajorRadius()
         ratio = conic.MinorRadius() / major
         return Curve("ellipse", (center, (major * x.X(), major * x.Y()), ratio, start, sweep), visible, smooth)
-    points = [at(lo + (hi - lo) * k / 32) for k in range(33)]
+    points = [at(lo + (hi - lo) * k / 40) for k in range(41)]
     (x, y), (u, v) = points[0], points[-1]
     length = math.hypot(u - x, v - y)
     if length > 1e-6 and max(abs((p[0] - x) * (v - y) - (p[1] - y) * (u - x)) for p in points) < 1e-6 * length:
         return Curve("line", (points[0], points[-1]), visible, smooth)
-    return Curve("spline", spline_of(curve, kind, points), visible, smooth)
+    return Curve("spline", through(points), visible, smooth)
 
 
-def spline_of(curve, kind, points):
-    """The spline itself, or one through points of another curve."""
-    if kind == GeomAbs_BSplineCurve:
-        spline = curve.BSpline()
-        poles = [(spline.Pole(k).X(), spline.Pole(k).Y()) for k in range(1, spline.NbPoles() + 1)]
-        knots = []
-        for k in range(1, spline.NbKnots() + 1):
-            knots += [spline.Knot(k)] * spline.Multiplicity(k)
-        weights = [spline.Weight(k) for k in range(1, spline.NbPoles() + 1)] if spline.IsRational() else None
-        return spline.Degree(), knots, poles, weights
-    from ezdxf.math import global_bspline_interpolation
-
-    fitted = global_bspline_interpolation(points)
-    return fitted.degree, list(fitted.knots()), [(p.x, p.y) for p in fitted.control_points], None
+def through(points):
+    """A cubic spline through points, as (degree, knots, poles, weights)."""
+    steps = numpy.linalg.norm(numpy.diff(points, axis=0), axis=1)
+    at = numpy.concatenate([[0.0], numpy.cumsum(numpy.maximum(steps, 1e-9))])
+    spline = make_interp_spline(at, numpy.array(points), k=3)
+    return 3, [float(k) for k in spline.t], [tuple(map(float, p)) for p in spline.c], None
 
 
 def project(shape, view, smooth=False, hidden=True):
@@ -112,32 +103,17 @@ def project(shape, view, smooth=False, hidden=True):
 
 def sharp_edges(shape):
     """Edges between two faces that meet at an angle."""
-    owners = TopTools_IndexedDataMapOfShapeListOfShape()
-    TopExp.MapShapesAndAncestors_s(shape, TopAbs_EDGE, TopAbs_FACE, owners)
-    for edge in edges_of(shape):
-        faces = [to_face(f) for f in owners.FindFromKey(edge)]
+    owners = {}
+    for face in faces_of(shape):
+        for edge in edges_of(face):
+            owners.setdefault(hash(edge), (edge, []))[1].append(face)
+    for edge, faces in owners.values():
         if len(faces) < 2 or BRep_Tool.Degenerated_s(edge) or BRep_Tool.IsClosed_s(edge, faces[0]):
             continue
         if not BRep_Tool.HasContinuity_s(edge, faces[0], faces[-1]):
             yield edge
-        elif int(BRep_Tool.Continuity_s(edge, faces[0], faces[-1]).value) == 0:
+        elif BRep_Tool.Continuity_s(edge, faces[0], faces[-1]) == GeomAbs_C0:
             yield edge
-
-
-def distances(points, curves):
-    """Distance of each point from the nearest curve."""
-    nearest = numpy.full(len(points), numpy.inf)
-    points = numpy.array(points)
-    for curve in curves:
-        chain = numpy.array(curve.points(1 if curve.kind == "line" else 96))
-        a, b = chain[:-1], chain[1:]
-        along = b - a
-        square = numpy.maximum((along**2).sum(1), 1e-18)
-        to = points[:, None, :] - a[None]
-        share = numpy.clip((to * along[None]).sum(2) / square, 0, 1)
-        away = to - share[:, :, None] * along[None]
-        nearest = numpy.minimum(nearest, numpy.sqrt((away**2).sum(2)).min(1))
-    return nearest
 
 
 def silhouette(face, eye):
