@@ -100,7 +100,10 @@ def symbol(pen, middle, is_first):
 def centre_lines(pen, shape, view):
     kind = view.kind
     circles, axes = axes_and_centres(shape, kind)
-    for center, radius in circles:
+    left, bottom, right, top = view.drawn_box
+    shown = lambda p: left - 4 < p[0] < right + 4 and bottom - 4 < p[1] < top + 4
+    axes = [(p, q) for p, q in axes if shown(p) and shown(q)]
+    for center, radius in (c for c in circles if shown(c[0])):
         x, y = view.to_paper(center)
         reach = radius * view.scale + min(3.0, 1 + radius * view.scale * 0.3)
         pen.line("centre", "centre", (x - reach, y), (x + reach, y))
@@ -111,19 +114,18 @@ def centre_lines(pen, shape, view):
 
 def dimensions(pen, view, traits, dice):
     """Overall sizes, positions of circles, diameters, radii and an angle."""
-    u0, v0, u1, v1 = view.box
-    left, bottom = view.at
-    right, top = left + view.size[0], bottom + view.size[1]
+    u0, v0, u1, v1 = view.drawn_box
+    (left, bottom), (right, top) = view.to_paper((u0, v0)), view.to_paper((u1, v1))
     circles = [c for c in view.curves if c.kind == "arc" and c.is_closed() and c.visible]
-    level = 9
+    level, done = 9, set()
     for center in sorted({tuple(round(x, 4) for x in c.data[0]) for c in circles})[: dice.randint(0, 2)]:
         at = view.to_paper(center)
-        if center[0] - u0 > 2:
-            base = (left, bottom - level)
-            pen.dimension("linear", center[0] - u0, base=base, p1=(left, bottom), p2=at, angle=0)
-        if center[1] - v0 > 2:
-            base = (left - level, bottom)
-            pen.dimension("linear", center[1] - v0, base=base, p1=(left, bottom), p2=at, angle=90)
+        for k, angle, low in ((0, 0, u0), (1, 90, v0)):
+            distance = center[k] - low
+            if distance > 2 and (k, distance) not in done:
+                done.add((k, distance))
+                base = (left, bottom - level) if k == 0 else (left - level, bottom)
+                pen.dimension("linear", distance, base=base, p1=(left, bottom), p2=at, angle=angle)
         level += 8
     if view.kind in ("front", "top") or dice.random() < 0.6:
         base = (left, bottom - level)
@@ -208,7 +210,7 @@ def notes(pen, views, sheet, traits, dice):
             pen.arrow("notes", "dimension", tip, math.atan2(-16, -14))
         pen.text("notes", (knee[0] + 1, knee[1] + 1), f"M{dice.choice([4, 5, 6, 8])} 8 {words['deep']}", 3.5)
     if dice.random() < 0.6:
-        x, y = front.at[0] + front.size[0] * 0.6, front.at[1] + front.size[1]
+        x, y = front.at[0] + front.size[0] * 0.85, front.at[1] + front.size[1]
         for p, q in (((0, 0), (-3, 5)), ((0, 0), (6, 10)), ((-3, 5), (3, 5))):
             pen.line("notes", "thin", (x + p[0], y + p[1]), (x + q[0], y + q[1]))
         pen.text("notes", (x - 4, y + 6), f"Ra {dice.choice([1.6, 3.2, 6.3])}", 2.5)

@@ -64,15 +64,26 @@ def spline_points(data, count):
     return [tuple(map(float, p)) for p in curve(numpy.linspace(knots[degree], knots[-degree - 1], count + 1))]
 
 
+def extremes(curve):
+    """Points among which are the leftmost, lowest, rightmost and uppermost ones of a curve."""
+    if curve.kind in ("line", "spline"):
+        return curve.points(1 if curve.kind == "line" else 400)
+    d = curve.data
+    if curve.kind == "arc":
+        turns, at = [0, 90, 180, 270], lambda t: on_circle(d[0], d[1], t)
+    else:
+        (x, y), ratio = d[1], d[2]
+        turns = [math.degrees(math.atan2(-ratio * y, x)), math.degrees(math.atan2(ratio * x, y))]
+        turns, at = [t + k for t in turns for k in (0, 180)], lambda t: on_ellipse(d, t)
+    start, sweep = d[-2:]
+    return [at(t) for t in [start, start + sweep, *(t for t in turns if (t - start) % 360 <= sweep)]]
+
+
 def box_of(curves):
     """Left, bottom, right and top of curves."""
-    points = [p for c in curves for p in c.points()]
-    return (
-        min(p[0] for p in points),
-        min(p[1] for p in points),
-        max(p[0] for p in points),
-        max(p[1] for p in points),
-    )
+    points = [p for c in curves for p in extremes(c)]
+    x, y = [p[0] for p in points], [p[1] for p in points]
+    return min(x), min(y), max(x), max(y)
 
 
 def union(intervals):

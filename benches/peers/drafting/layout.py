@@ -20,9 +20,12 @@ class View:
     at: tuple = (0.0, 0.0)
     scale: float = 1.0
     cut_at: float | None = None
+    box: tuple | None = None
 
     def __post_init__(self):
-        self.box = box_of(self.curves)
+        # A section shows a part of the body, but is aligned as the whole.
+        self.drawn_box = box_of(self.curves)
+        self.box = self.box or self.drawn_box
 
     @property
     def size(self):
@@ -51,22 +54,26 @@ def drawn_views(shape, traits, dice):
     """The views of the sheet, not yet placed: those that show the part, a section, and a pictorial view."""
     smooth, hidden = traits["smooth"] == "yes", traits["hidden"] == "yes"
     views = {name: View(name, project(shape, name, smooth, hidden)) for name in needed_views(traits, dice)}
-    kind = traits["section"]
+    side, kind = traits["side"], traits["section"]
     # The mark of a section is drawn in another view.
     if kind == "replace-front" and "top" in views:
-        at = section_plane(shape, 1, dice)
-        views["front"] = View("front", *section(shape, "front", at), cut_at=at)
-    elif kind == "replace-side" and traits["side"] in views:
-        at = section_plane(shape, 0, dice)
-        views[traits["side"]] = View(traits["side"], *section(shape, traits["side"], at), cut_at=at)
+        views["front"] = cut_view(shape, "front", "front", views["front"].box, dice)
+    elif kind == "replace-side" and side in views:
+        views[side] = cut_view(shape, side, side, views[side].box, dice)
     elif kind == "extra":
-        at = section_plane(shape, 0, dice)
-        views["section"] = View("section", *section(shape, traits["side"], at), cut_at=at)
+        whole = views[side].box if side in views else box_of(project(shape, side))
+        views["section"] = cut_view(shape, "section", side, whole, dice)
     if traits["corner"] == "iso":
         views["iso"] = View("iso", project(shape, "iso", hidden=False))
     elif traits["corner"] == "detail":
         views["detail"] = detail(views["front"], dice)
     return views
+
+
+def cut_view(shape, kind, direction, whole, dice):
+    """A section that is placed as the view of the whole part with the bounds `whole`."""
+    at = section_plane(shape, 1 if direction == "front" else 0, dice)
+    return View(kind, *section(shape, direction, at), cut_at=at, box=whole)
 
 
 def detail(front, dice):
@@ -112,7 +119,7 @@ def place(views, traits, dice):
     scale = number(traits["scale"])
     for view in views.values():
         view.scale = scale
-    front, gap = views["front"], dice.randint(42, 60)
+    front, gap = views["front"], dice.randint(38, 56)
     size = front.size
     side_name = next((n for n in ("right", "left") if n in views), None)
     third = traits["projection"] == "third"
@@ -155,7 +162,7 @@ def place_in_corner(view, views, gap, third, at_right, low, high):
 
 def centred(views, traits, dice, low, high):
     """Moves all views to a sheet that is large enough; with a frame, the title block stays free."""
-    margin, title = 45.0, TITLE[1] + 12 if traits["frame"] != "no" else 0.0
+    margin, title = 33.0, TITLE[1] + 6 if traits["frame"] != "no" else 0.0
     need = (high[0] - low[0] + 2 * margin + 30, high[1] - low[1] + 2 * margin + 20 + title)
     sheet = next((s for s in SIZES if s[0] >= need[0] and s[1] >= need[1]), need)
     shift = [margin + 20 - low[0], margin + 10 + title - low[1]]

@@ -124,7 +124,7 @@ class Pen:
             self.keep(hatch, group)
             return
         for line in hatch_entity(hatch):
-            ends = [tuple(round(c, self.digits) for c in (p.x, p.y)) for p in (line.start, line.end)]
+            ends = [tuple(round(c, self.digits) for c in (p.x, p.y)) for p in line]
             self.keep(self.space.add_line(*ends, dxfattribs=self.look("hatch")), group)
         self.space.delete_entity(hatch)
 

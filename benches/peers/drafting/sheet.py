@@ -52,9 +52,8 @@ def make_sheet(shape, name, traits, dice):
     pen.doc.header["$MEASUREMENT"] = 1
     known = {"true_length_factor": factor, "sheet": [unit * s for s in sheet], "views": {}}
     for kind, view in views.items():
-        low = [unit * c for c in view.at]
         known["views"][kind] = {
-            "box": [*low, *(low[k] + unit * view.size[k] for k in (0, 1))],
+            "box": [unit * c for p in (view.drawn_box[:2], view.drawn_box[2:]) for c in view.to_paper(p)],
             "lengths_per_mm": unit * view.scale,
             "is_section": view.cut_at is not None,
             "entities": pen.entities.pop(kind, []),
