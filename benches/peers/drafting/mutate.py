@@ -15,12 +15,15 @@ def points_of(entity):
 
 
 def size_of(entity):
-    """Length of a line, or the radius or largest axis of a curve."""
+    """Length of a line, or the radius, the largest axis or the extent of a curve."""
     if entity.dxftype() == "LINE":
         return (entity.dxf.end - entity.dxf.start).magnitude
     if entity.dxftype() == "ELLIPSE":
         return entity.dxf.major_axis.magnitude
-    return entity.dxf.get("radius", 1.0)
+    if entity.dxftype() == "SPLINE":
+        points = points_of(entity)
+        return max(max(p[k] for p in points) - min(p[k] for p in points) for k in (0, 1))
+    return entity.dxf.radius
 
 
 def other_style(doc, entity, known, view):
