@@ -5,9 +5,10 @@ import json
 import ezdxf
 
 from . import annotate, shapes
+from .check import flaws
 from .layout import View, drawn_views, number, place
 from .pen import Pen
-from .views import flaws, project
+from .views import project
 
 ORTHOGRAPHIC = ("front", "top", "right", "left")
 

@@ -1,30 +1,26 @@
-"""Views of a solid by exact hidden-line removal, their completeness, and sections."""
+"""Views of a solid by exact hidden-line removal, sections, and centre lines."""
 
 import math
 
 import numpy
-from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepLib import BRepLib
 from OCP.BRepTools import BRepTools, BRepTools_WireExplorer
 from OCP.GeomAbs import (
-    GeomAbs_C0,
     GeomAbs_Circle,
     GeomAbs_Cylinder,
     GeomAbs_Ellipse,
     GeomAbs_Line,
     GeomAbs_Plane,
 )
-from OCP.gp import gp_Ax2, gp_Dir, gp_Lin, gp_Pnt, gp_Pnt2d, gp_Vec
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 from OCP.HLRAlgo import HLRAlgo_Projector
 from OCP.HLRBRep import HLRBRep_Algo, HLRBRep_HLRToShape
-from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
-from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED, TopAbs_WIRE
+from OCP.TopAbs import TopAbs_REVERSED, TopAbs_WIRE
 from OCP.TopoDS import TopoDS
 from scipy.interpolate import make_interp_spline
 
-from .curves import Curve, distances, tidy
+from .curves import Curve, tidy
 from .shapes import box, cut, edges_of, faces_of, parts_of
 
 # Direction towards the eye, and the direction that points to the right.
@@ -99,83 +95,6 @@ def project(shape, view, smooth=False, hidden=True):
         BRepLib.BuildCurves3d_s(compound)
         curves += [curve_of(e, visible, is_smooth) for e in edges_of(compound)]
     return tidy(curves)
-
-
-def sharp_edges(shape):
-    """Edges between two faces that meet at an angle."""
-    owners = {}
-    for face in faces_of(shape):
-        for edge in edges_of(face):
-            owners.setdefault(hash(edge), (edge, []))[1].append(face)
-    for edge, faces in owners.values():
-        if len(faces) < 2 or BRep_Tool.Degenerated_s(edge) or BRep_Tool.IsClosed_s(edge, faces[0]):
-            continue
-        if not BRep_Tool.HasContinuity_s(edge, faces[0], faces[-1]):
-            yield edge
-        elif BRep_Tool.Continuity_s(edge, faces[0], faces[-1]) == GeomAbs_C0:
-            yield edge
-
-
-def silhouette(face, eye):
-    """Points of a curved face where it is seen edge-on."""
-    surface = BRepAdaptor_Surface(face)
-    if surface.GetType() == GeomAbs_Plane:
-        return
-    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-
-    def facing(u, v):
-        point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
-        surface.D1(u, v, point, du, dv)
-        normal = du.Crossed(dv)
-        return normal.X() * eye[0] + normal.Y() * eye[1] + normal.Z() * eye[2], point
-
-    for v in (v0 + (v1 - v0) * k for k in (0.23, 0.52, 0.81)):
-        grid = [u0 + (u1 - u0) * k / 24 for k in range(25)]
-        for lo, hi in zip(grid, grid[1:]):
-            # A face seen edge-on as a whole has no outline but its edges.
-            if facing(lo, v)[0] * facing(hi, v)[0] > -1e-9:
-                continue
-            for _ in range(40):
-                middle = (lo + hi) / 2
-                lo, hi = (middle, hi) if facing(lo, v)[0] * facing(middle, v)[0] > 0 else (lo, middle)
-            if BRepClass_FaceClassifier(face, gp_Pnt2d(lo, v), 1e-4).State() == TopAbs_IN:
-                yield facing(lo, v)[1]
-
-
-class Sight:
-    """Whether a point of a shape can be seen, by rays that pass close to it."""
-
-    def __init__(self, shape, view):
-        self.axes = axes_of(view)
-        self.rays = IntCurvesFace_ShapeIntersector()
-        self.rays.Load(shape, 1e-7)
-
-    def sees(self, point):
-        right, up, eye = self.axes
-        for k in range(8):
-            angle = math.radians(45 * k + 11)
-            start = point + 0.004 * (math.cos(angle) * right + math.sin(angle) * up)
-            self.rays.Perform(gp_Lin(gp_Pnt(*start), gp_Dir(*eye)), 0.05, 1e4)
-            if self.rays.NbPnt() == 0:
-                return True
-        return False
-
-
-def flaws(shape, view, curves):
-    """Number of points of edges and outlines that the view lacks, and of visible ones not drawn visible."""
-    right, up, eye = axes_of(view)
-    points = []
-    for edge in sharp_edges(shape):
-        curve = BRepAdaptor_Curve(edge)
-        lo, hi = curve.FirstParameter(), curve.LastParameter()
-        points += [curve.Value(lo + (hi - lo) * k) for k in (0.07, 0.31, 0.55, 0.79, 0.96)]
-    outlines = [p for face in faces_of(shape) for p in silhouette(face, eye)]
-    points = numpy.array([(p.X(), p.Y(), p.Z()) for p in points + outlines])
-    flat = numpy.stack([points @ right, points @ up], axis=1)
-    missing = int((distances(flat, curves) > 0.01).sum())
-    unseen = distances(flat, [c for c in curves if c.visible]) > 0.01
-    sight = Sight(shape, view)
-    return missing, sum(sight.sees(p) for p in points[unseen])
 
 
 def section_plane(shape, axis, dice):
