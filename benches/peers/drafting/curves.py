@@ -7,6 +7,8 @@ import numpy
 from scipy.interpolate import BSpline
 
 NEAR = 1e-5
+# Hidden pieces shorter than this (mm) beside a visible piece of one line become visible.
+SLIVER = 0.12
 
 
 @dataclasses.dataclass
@@ -158,10 +160,13 @@ def rejoined(intervals):
 
 def tidy(curves):
     """Joins pieces of one line or circle, and removes hidden pieces that lie under visible ones."""
-    carriers, others = [], []
+    plain = [c for c in curves if c.kind != "spline"]
+    circles = {c.data[:2] for c in plain if c.kind == "arc"}
+    curves = plain + [on_known_circle(c, circles) for c in curves if c.kind == "spline"]
+    carriers, splines = [], []
     for curve in curves:
         if curve.kind == "spline":
-            others.append(curve)
+            splines.append(curve)
             continue
         key, interval = carrier_of(curve)
         found = next((c for c in carriers if same(c[0], key)), None)
@@ -174,19 +179,46 @@ def tidy(curves):
         turns = key[0] != "line"
         seen = union(cyclic(pieces[True]) if turns else pieces[True])
         hidden = without(union(cyclic(pieces[False]) if turns else pieces[False]), seen)
+        # Degrees of circles and ellipses to lengths.
+        length = math.radians(key[3 if key[0] == "arc" else 4]) if turns else 1.0
+        seen, hidden = bridged(seen, hidden, SLIVER / length)
         for visible, intervals in ((True, seen), (False, hidden)):
             for lo, hi in rejoined(intervals) if turns else intervals:
                 if hi - lo > 1e-4:
                     result.append(from_carrier(key, lo, hi, visible))
-    return result + distinct(others)
+    return result + distinct(splines, [c for c in result if c.visible])
 
 
-def distinct(splines):
-    """Splines that do not lie on another one; visible ones are kept first."""
+def on_known_circle(spline, circles):
+    """Hidden-line removal gives some arcs as splines: they become arcs if the circle is drawn elsewhere."""
+    points = numpy.array(spline.points(24))
+    for center, radius in circles:
+        if numpy.abs(numpy.hypot(*(points - center).T) - radius).max() > 1e-3:
+            continue
+        angles = numpy.degrees(numpy.unwrap(numpy.arctan2(*(points - center).T[::-1])))
+        lo, hi = sorted((float(angles[0]), float(angles[-1])))
+        return dataclasses.replace(spline, kind="arc", data=(center, radius, lo, hi - lo))
+    return spline
+
+
+def bridged(seen, hidden, limit):
+    """Hidden pieces shorter than the limit between visible ones are errors of the hidden-line removal."""
+    seen, hidden = [list(i) for i in seen], [list(i) for i in hidden]
+    short = [i for i in hidden if i[1] - i[0] < limit]
+    short = [i for i in short if any(abs(i[0] - s[1]) < 1e-4 or abs(i[1] - s[0]) < 1e-4 for s in seen)]
+    return union(seen + short), [i for i in hidden if i not in short]
+
+
+def distinct(splines, visible):
+    """Splines that do not lie on another one, or as hidden ones close to visible curves."""
     kept = []
     for curve in sorted(splines, key=lambda c: not c.visible):
-        if not any(distances(curve.points(12), [c]).max() < 2e-4 for c in kept):
-            kept.append(curve)
+        if any(distances(curve.points(12), [c]).max() < 2e-4 for c in kept):
+            continue
+        above = [*visible, *(c for c in kept if c.visible)]
+        if not curve.visible and distances(curve.points(12), above).max() < 0.03:
+            continue
+        kept.append(curve)
     return kept
 
 
