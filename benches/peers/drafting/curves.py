@@ -186,7 +186,15 @@ def tidy(curves):
             for lo, hi in rejoined(intervals) if turns else intervals:
                 if hi - lo > 1e-4:
                     result.append(from_carrier(key, lo, hi, visible))
+    visible = [c for c in (*result, *splines) if c.visible]
+    result = [c for c in result if c.visible or not is_sliver(c, visible)]
     return result + distinct(splines, [c for c in result if c.visible])
+
+
+def is_sliver(curve, visible):
+    """Whether a short hidden piece lies under visible curves, but for its rounding."""
+    points = curve.points(4)
+    return not curve.is_closed() and math.dist(points[0], points[-1]) < SLIVER and distances(points, visible).max() < SLIVER / 2
 
 
 def on_known_circle(spline, circles):
