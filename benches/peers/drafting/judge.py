@@ -4,11 +4,10 @@ import random
 
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex, BRepBuilderAPI_Transform
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.gp import gp_Pnt, gp_Trsf
-from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
 from OCP.TopLoc import TopLoc_Location
 
 from . import shapes
@@ -63,12 +62,18 @@ def scaled(shape, factor):
     return BRepBuilderAPI_Transform(shape, change, True).Shape()
 
 
+def joined(shape):
+    """Bodies that touch as one solid: a drawing does not show whether they are one."""
+    solids = shapes.solids_of(shape)
+    return shapes.unified(shapes.fuse(*solids)) if len(solids) > 1 else shape
+
+
 def compare(found, true, tolerance):
     """What is equal; both shapes are moved so that the lower corners of their bounds coincide.
 
     `tolerance` is the distance in millimetres that the decimals and displacements of the drawing explain.
     """
-    (found, size), (true, true_size) = at_origin(found), at_origin(true)
+    (found, size), (true, true_size) = at_origin(joined(found)), at_origin(joined(true))
     volume, true_volume = shapes.volume(found), shapes.volume(true)
     result = {
         "is_valid": shapes.is_valid(found),
