@@ -1,10 +1,11 @@
 """Reconstructs the drawings of `sheets.py` with `planish solid` and compares the solids with the true ones.
 
-A solid is *right* if it is valid and sampled points of each of the two surfaces lie on the other one, within what
-the decimals and displacements of the drawing explain (0.002 mm, or 0.06 mm with displaced views), and if their volumes
-differ by at most 2e-5 (1e-6 in plain files). The first solid may be right; another solid that is written may be
-right; or no solid is right. In copies with one wrong line, the place of that line in the list of unexplained lines or
-edits is reported. Results are JSON lines and tables by trait. Needs cadquery-ocp-novtk.
+A solid is *right* if it is valid and sampled points of each of the two surfaces lie on the other one, within
+what the decimals and displacements of the drawing explain (0.002 mm, or 0.06 mm with displaced views), and if
+their volumes differ by at most 2e-5 (1e-6 in plain files). The first solid may be right; another solid that
+is written may be right; or no solid is right. In copies with one wrong line, the place of that line in the
+list of unexplained lines or edits is reported. Results are JSON lines and tables by trait. Needs cadquery-
+ocp-novtk.
 
     python benches/peers/sheet_solids.py target/release/planish FOLDER --out results.jsonl
     python benches/peers/sheet_solids.py target/release/planish FOLDER --projection auto --limit 30
@@ -55,7 +56,10 @@ def execute(asked, words):
         except json.JSONDecodeError:
             report = {"error": {"message": (done.stderr.strip() or f"exit code {done.returncode}")[-400:]}}
         # A single solid is NAME.step, several are NAME.1.step, NAME.2.step, …
-        numbers = sorted(pathlib.Path(scratch).glob("part*.step"), key=lambda p: [int(n) for n in re.findall(r"\d+", p.name)])
+        numbers = sorted(
+            pathlib.Path(scratch).glob("part*.step"),
+            key=lambda p: [int(n) for n in re.findall(r"\d+", p.name)],
+        )
         return report, [shapes.read_step(p) for p in numbers[: asked.most]], seconds
 
 
@@ -98,7 +102,9 @@ def reason(report):
     if report.get("error"):
         return str(report["error"].get("message"))[:300]
     named = report.get("unexplained") or report.get("refused") or []
-    return f"{named[0].get('view')} view, {named[0].get('entity')}: {named[0].get('why')}"[:300] if named else ""
+    return (
+        f"{named[0].get('view')} view, {named[0].get('entity')}: {named[0].get('why')}"[:300] if named else ""
+    )
 
 
 def names_line(item, mutated, known):
@@ -146,8 +152,17 @@ def one(asked, folder, path):
         known = json.loads((folder / f"{mutated['of']}.json").read_text())
     report, solids, seconds = execute(asked, command(asked, folder, known, mutated))
     verdicts = judged(solids, known, folder)
-    row = {"name": path.stem, "family": known["family"], "features": known["features"], "traits": known["traits"]}
-    row |= {"outcome": outcome_of(report, verdicts, asked), "seconds": round(seconds, 3), "solids": len(solids)}
+    row = {
+        "name": path.stem,
+        "family": known["family"],
+        "features": known["features"],
+        "traits": known["traits"],
+    }
+    row |= {
+        "outcome": outcome_of(report, verdicts, asked),
+        "seconds": round(seconds, 3),
+        "solids": len(solids),
+    }
     row |= {"verdict": verdicts[0] if verdicts else None, "why": reason(report)}
     if mutated:
         row |= {"change": mutated["change"], "guilty_rank": guilty_rank(report, mutated, known)}
@@ -178,11 +193,15 @@ def table(rows):
     for change in sorted({r["change"] for r in rows if "change" in r}):
         having = [r for r in rows if r.get("change") == change]
         first, named = sum(r["guilty_rank"] == 1 for r in having), sum(r["guilty_rank"] > 0 for r in having)
-        print(f"\n{change}: of {len(having)} copies, {first} name the wrong line first, {named} name it at all.")
+        print(
+            f"\n{change}: of {len(having)} copies, {first} name the wrong line first, {named} name it at all."
+        )
 
 
 def main():
-    reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    reading = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     reading.add_argument("planish", nargs="?")
     reading.add_argument("folder", nargs="?", type=pathlib.Path)
     reading.add_argument("--out", type=pathlib.Path, help="JSON lines")
@@ -191,7 +210,9 @@ def main():
     reading.add_argument("--limit", type=float, default=60.0, help="seconds for each drawing")
     reading.add_argument("--most", type=int, default=20, help="solids of each drawing that are compared")
     reading.add_argument("--options", default="", help="more options of `planish solid`")
-    reading.add_argument("--projection", default="told", help="told (the true one), none, or a value of the option")
+    reading.add_argument(
+        "--projection", default="told", help="told (the true one), none, or a value of the option"
+    )
     asked = reading.parse_args()
     if asked.table:
         return table([json.loads(line) for line in asked.table.read_text().splitlines()])
@@ -204,7 +225,14 @@ def main():
         if asked.out:
             with asked.out.open("a") as log:
                 log.write(text + "\n")
-        print(rows[-1]["name"], rows[-1]["outcome"], rows[-1]["seconds"], rows[-1]["why"][:120], sep=", ", file=sys.stderr)
+        print(
+            rows[-1]["name"],
+            rows[-1]["outcome"],
+            rows[-1]["seconds"],
+            rows[-1]["why"][:120],
+            sep=", ",
+            file=sys.stderr,
+        )
     return table(rows)
 
 

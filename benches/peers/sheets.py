@@ -1,12 +1,12 @@
 """Makes random machined parts and their drawings as CAD programs write them, for `sheet_solids.py`.
 
-Each part is a solid of Open Cascade. Its views are made by exact hidden-line removal. A part is rejected if a view
-lacks an edge or an outline, or draws a point hidden that can be seen. `NAME.dxf` is a sheet with frame, title block,
-dimensions, centre lines, sections and notes; its traits are drawn at random, or given by one option each.
-`NAME.step` is the part, and `NAME.json` has its volume, bounds and faces, the traits, and the handles of the
-entities of each view and of each annotation. The same seed gives the same parts, with `--clean` (three plain files)
-and without. `--mutate` deletes, moves or restyles one line of a view in copies of the drawing and records it.
-Needs cadquery-ocp-novtk, ezdxf and scipy; pictures need matplotlib.
+Each part is a solid of Open Cascade. Its views are made by exact hidden-line removal. A part is rejected if a
+view lacks an edge or an outline, or draws a point hidden that can be seen. `NAME.dxf` is a sheet with frame,
+title block, dimensions, centre lines, sections and notes; its traits are drawn at random, or given by one
+option each. `NAME.step` is the part, and `NAME.json` has its volume, bounds and faces, the traits, and the
+handles of the entities of each view and of each annotation. The same seed gives the same parts, with
+`--clean` (three plain files) and without. `--mutate` deletes, moves or restyles one line of a view in copies
+of the drawing and records it. Needs cadquery-ocp-novtk, ezdxf and scipy; pictures need matplotlib.
 
     python benches/peers/sheets.py --count 40 --seed 1 --out FOLDER
     python benches/peers/sheets.py --count 40 --seed 1 --out FOLDER --clean
@@ -25,7 +25,9 @@ from drafting.styles import EXPLANATIONS, TRAITS, choose
 
 
 def arguments():
-    reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    reading = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     reading.add_argument("--count", type=int, default=10)
     reading.add_argument("--seed", type=int, default=1)
     reading.add_argument("--out", type=pathlib.Path, required=True)
@@ -35,7 +37,9 @@ def arguments():
     reading.add_argument("--pdf", action="store_true")
     reading.add_argument("--png", action="store_true")
     reading.add_argument("--family", choices=sorted(FAMILIES))
-    reading.add_argument("--simple", action="store_true", help="the simplest value of each trait that is not given")
+    reading.add_argument(
+        "--simple", action="store_true", help="the simplest value of each trait that is not given"
+    )
     for name, values in TRAITS.items():
         reading.add_argument(f"--{name}", choices=list(values), help=EXPLANATIONS[name])
     return reading.parse_args()

@@ -2,7 +2,7 @@
 
 import math
 
-from .layout import TITLE, number
+from .layout import TITLE
 from .views import axes_and_centres
 
 BASIC = ("front", "top", "right", "left")
@@ -30,9 +30,7 @@ def frame(pen, sheet, name, traits, dice):
     zones(pen, sheet)
     title_block(pen, sheet, name, traits, dice, is_block)
     if is_block:
-        words = pen.language.words
         values = {"TITLE": name, "SCALE": traits["scale"], "DRAWN": dice.choice(["Meier", "Dupont", "Smith"])}
-        del words
         pen.insert("frame", "FRAME", values)
 
 
@@ -66,8 +64,14 @@ def title_block(pen, sheet, name, traits, dice, is_block):
     pen.line("title", "frame", (x + 60, y), (x + 60, y + h))
     pen.line("title", "frame", (x + 120, y), (x + 120, y + 0.5 * h))
     cell = h / 4
-    rows = [("title", name, "TITLE"), ("material", dice.choice(["S235JR", "EN AW-6082", "C45", "1.4301"]), "")]
-    rows += [("drawn", dice.choice(["Meier", "Dupont", "Smith"]), "DRAWN"), ("scale", traits["scale"], "SCALE")]
+    rows = [
+        ("title", name, "TITLE"),
+        ("material", dice.choice(["S235JR", "EN AW-6082", "C45", "1.4301"]), ""),
+    ]
+    rows += [
+        ("drawn", dice.choice(["Meier", "Dupont", "Smith"]), "DRAWN"),
+        ("scale", traits["scale"], "SCALE"),
+    ]
     places = [(60, 3), (60, 2), (60, 1), (120, 1)]
     for (label, value, tag), (dx, row) in zip(rows, places):
         pen.text("title", (x + dx + 2, y + (row + 1) * cell - 4), words[label], 2.5, role="frame")
@@ -139,7 +143,11 @@ def dimensions(pen, view, traits, dice):
     for radius, same in sorted(by_radius.items())[: dice.randint(1, 4)]:
         prefix = f"{len(same)}x " if len(same) > 1 else ""
         angle = dice.choice([30, 45, 60, 120, 135])
-        place = {"center": view.to_paper(same[0].data[0]), "radius": radius * view.scale * pen.unit, "angle": angle}
+        place = {
+            "center": view.to_paper(same[0].data[0]),
+            "radius": radius * view.scale * pen.unit,
+            "angle": angle,
+        }
         pen.dimension("diameter", 2 * radius, prefix, **place)
     arcs = [c for c in view.curves if c.kind == "arc" and not c.is_closed() and c.visible]
     for arc in arcs[: dice.randint(0, 2)]:
@@ -228,6 +236,3 @@ def annotate(pen, shape, views, sheet, name, traits, dice):
     detail_marks(pen, views, traits)
     if traits["notes"] == "yes":
         notes(pen, views, sheet, traits, dice)
-
-
-__all__ = ["annotate", "number"]

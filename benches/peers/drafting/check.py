@@ -1,5 +1,5 @@
-"""Checks that the views of a solid show its edges and outlines, and nothing else, by rays that are independent
-of the hidden-line removal."""
+"""Checks that the views of a solid show its edges and outlines, and nothing else, by rays that are
+independent of the hidden-line removal."""
 
 import math
 
@@ -134,7 +134,8 @@ def segments(shape, eye):
 def flaws(shape, view, curves):
     """Number of places that the view lacks, and of drawn places that are wrong.
 
-    A drawn place is wrong if no edge or outline is there, or if it is drawn visible and cannot be seen, or reverse.
+    A drawn place is wrong if no edge or outline is there, or if it is drawn visible but cannot be seen, or
+    reverse.
     """
     right, up, eye = axes_of(view)
     count, begins, ends = segments(shape, eye)

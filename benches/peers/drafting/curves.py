@@ -13,8 +13,12 @@ SLIVER = 0.12
 
 @dataclasses.dataclass
 class Curve:
-    """`line`: (p, q); `arc`: (centre, radius, start, sweep) in degrees; `ellipse`: (centre, major axis, ratio,
-    start, sweep) in degrees of the parameter; `spline`: (degree, knots, poles, weights or None)."""
+    """A curve of a view.
+
+    Its data are (p, q) of a `line`; (centre, radius, start, sweep) in degrees of an `arc`; (centre, major axis,
+    ratio, start, sweep) in degrees of the parameter of an `ellipse`; (degree, knots, poles, weights or None) of a
+    `spline`.
+    """
 
     kind: str
     data: tuple
@@ -194,7 +198,11 @@ def tidy(curves):
 def is_sliver(curve, visible):
     """Whether a short hidden piece lies under visible curves, but for its rounding."""
     points = curve.points(4)
-    return not curve.is_closed() and math.dist(points[0], points[-1]) < SLIVER and distances(points, visible).max() < SLIVER / 2
+    return (
+        not curve.is_closed()
+        and math.dist(points[0], points[-1]) < SLIVER
+        and distances(points, visible).max() < SLIVER / 2
+    )
 
 
 def on_known_circle(spline, circles):
@@ -241,7 +249,9 @@ def distances(points, curves):
     points = numpy.array(points, float)
     nearest = numpy.full(len(points), numpy.inf)
     for curve in curves:
-        nearest = numpy.minimum(nearest, from_arc(points, curve) if curve.kind == "arc" else from_chain(points, curve))
+        nearest = numpy.minimum(
+            nearest, from_arc(points, curve) if curve.kind == "arc" else from_chain(points, curve)
+        )
     return nearest
 
 

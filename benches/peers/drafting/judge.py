@@ -88,7 +88,9 @@ def compare(found, true, tolerance):
         # Whether only the scale is wrong.
         other = scaled(found, factor)
         size = [s * factor for s in size]
-        away = distance(other, size, true, true_size, volume * factor**3, true_volume, tolerance * max(1, factor))
+        away = distance(
+            other, size, true, true_size, volume * factor**3, true_volume, tolerance * max(1, factor)
+        )
         result["only_scale"] = result["is_valid"] and away <= tolerance * max(1, factor)
     return result
 

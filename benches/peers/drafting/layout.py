@@ -146,7 +146,9 @@ def place(views, traits, dice):
 def place_in_corner(view, views, gap, third, at_right, low, high):
     """Places a view in the corner that the views leave free."""
     front = views["front"]
-    room_x = max(40.0, max((v.size[0] for n, v in views.items() if n in ("right", "left", "section")), default=50))
+    room_x = max(
+        40.0, max((v.size[0] for n, v in views.items() if n in ("right", "left", "section")), default=50)
+    )
     room_y = max(40.0, views["top"].size[1] if "top" in views else 50.0)
     wide, tall = view.size
     factor = min(room_x / wide, room_y / tall)

@@ -68,7 +68,9 @@ def mutated(base, known, dice, k):
     name = f"{base.name}.m{k}"
     extension = source.name[len(base.name) :]
     doc.saveas(base.with_name(name + extension))
-    save_json(base.with_name(name + ".json"), {"name": name, "of": base.name, "file": name + extension, **record})
+    save_json(
+        base.with_name(name + ".json"), {"name": name, "of": base.name, "file": name + extension, **record}
+    )
 
 
 def move(entity, dice, lengths_per_mm, block):

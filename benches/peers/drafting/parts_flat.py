@@ -138,13 +138,22 @@ def block(dice, names):
         names.add("step")
         a = a - step
     if dice.random() < 0.6 and a > 25:
-        u, v, deep = a * dice.choice([0.2, 0.25, 0.3]), b * dice.choice([0.2, 0.25, 0.3]), half(dice, 4, c * 0.5)
+        u, v, deep = (
+            a * dice.choice([0.2, 0.25, 0.3]),
+            b * dice.choice([0.2, 0.25, 0.3]),
+            half(dice, 4, c * 0.5),
+        )
         around = rectangle((u, v), (a - u, b - v))
         if dice.random() < 0.3:
             around = rectangle((u, -1), (a - u, b - v))
-            shape = cut(shape, prism("z", around, top - deep, top + 1, [0, 0, half(dice, 2, 6), half(dice, 2, 6)]))
+            shape = cut(
+                shape, prism("z", around, top - deep, top + 1, [0, 0, half(dice, 2, 6), half(dice, 2, 6)])
+            )
         else:
-            shape = cut(shape, prism("z", around, top - deep, top + 1, half(dice, 2, min(8, min(a - 2 * u, b - 2 * v) / 3))))
+            shape = cut(
+                shape,
+                prism("z", around, top - deep, top + 1, half(dice, 2, min(8, min(a - 2 * u, b - 2 * v) / 3))),
+            )
         names |= {"pocket", "fillet in plan"}
     if dice.random() < 0.5:
         wide, deep = half(dice, 6, 16), half(dice, 4, c * 0.3)
@@ -155,7 +164,9 @@ def block(dice, names):
         shape = cut(shape, prism("y", [(-1, c + 1), (-1, c - s - 1), (s + 1, c + 1)], -1, b + 1))
         names.add("chamfer")
     if dice.random() < 0.5:
-        hole = Hole(dice, half(dice, 2.5, min(b, c) / 6), 0, b, ["through", "blind", "drilled", "counterbore"])
+        hole = Hole(
+            dice, half(dice, 2.5, min(b, c) / 6), 0, b, ["through", "blind", "drilled", "counterbore"]
+        )
         shape = cut(shape, hole.tool("y", half(dice, hole.wide + 3, max(hole.wide + 4, a * 0.5)), c * 0.35))
         names |= {"cross hole", hole.kind}
     return shape

@@ -46,14 +46,23 @@ def shaft(dice, names):
         k = dice.randrange(count)
         r, w = radii[k], half(dice, 1.5, 4)
         at = starts[k] + lengths[k] / 2
-        ring = cut(cylinder((at, 0, 0), "x", r + 5, w), cylinder((at - 1, 0, 0), "x", r - min(2, r / 4), w + 2))
+        ring = cut(
+            cylinder((at, 0, 0), "x", r + 5, w), cylinder((at - 1, 0, 0), "x", r - min(2, r / 4), w + 2)
+        )
         shape = cut(shape, ring)
         names.add("groove")
     k = max(range(count), key=lambda k: radii[k])
     r, length = radii[k], lengths[k]
     if dice.random() < 0.6:
         w = half(dice, 1.5, max(2, r / 4))
-        key = slot("z", (starts[k] + length / 2, 0), length * 0.5 - 2 * w if length > 6 * w else w, w, r * 0.65, r + 2)
+        key = slot(
+            "z",
+            (starts[k] + length / 2, 0),
+            length * 0.5 - 2 * w if length > 6 * w else w,
+            w,
+            r * 0.65,
+            r + 2,
+        )
         shape = cut(shape, key)
         names.add("keyway")
     k = dice.randrange(count)
@@ -72,7 +81,9 @@ def shaft(dice, names):
         names.add("flats")
     if dice.random() < 0.4:
         hole = Hole(dice, half(dice, 1.5, max(2, radii[0] / 3)), 0, lengths[0], ["blind", "drilled"])
-        shape = cut(shape, moved(hole.tool("x", 0, 0), [[-1, 0, 0], [0, -1, 0], [0, 0, 1]], (lengths[0], 0, 0)))
+        shape = cut(
+            shape, moved(hole.tool("x", 0, 0), [[-1, 0, 0], [0, -1, 0], [0, 0, 1]], (lengths[0], 0, 0))
+        )
         names.add(hole.kind)
     return shape
 
@@ -110,7 +121,9 @@ def disc(dice, names):
         elif look == "ears":
             w, out = r * 0.2, r * 1.15
             ear = fuse(box((r * 0.8, -w, 0), (out, w, t)), cylinder((out, 0, 0), "z", w, t))
-            shape = cut(fuse(shape, moved(ear, turn)), moved(cylinder((out, 0, -1), "z", w * 0.5, t + 2), turn))
+            shape = cut(
+                fuse(shape, moved(ear, turn)), moved(cylinder((out, 0, -1), "z", w * 0.5, t + 2), turn)
+            )
         elif look == "notches":
             w = r * 0.1
             shape = cut(shape, moved(box((r * 0.85, -w, -1), (r * 1.2, w, t + 1)), turn))
@@ -195,13 +208,27 @@ def turned_part(dice, names):
         dome = cut(sphere((long + 6, 0, 0), r), box((long - 2 * r, -2 * r, -2 * r), (long + 6, 2 * r, 2 * r)))
         shape = fuse(shape, dome)
     elif look == "cone":
-        shape = turned([(0, 0), (0, s), (long, s), (long, r), (long + 8, r), (long + 8 + r / 2, s), (long + 8 + r / 2, 0)])
+        shape = turned(
+            [
+                (0, 0),
+                (0, s),
+                (long, s),
+                (long, r),
+                (long + 8, r),
+                (long + 8 + r / 2, s),
+                (long + 8 + r / 2, 0),
+            ]
+        )
     elif look == "rim":
         shape = turned([(0, 0), (0, r), (10, r), (10, s), (10 + long, s), (10 + long, 0)], [0, 3, 3, 2, 0, 0])
     elif look == "knob":
-        shape = turned([(0, 0), (0, s), (long, s), (long, r), (long + 12, r), (long + 12, 0)], [0, 0, 0, 4, 4, 0])
+        shape = turned(
+            [(0, 0), (0, s), (long, s), (long, r), (long + 12, r), (long + 12, 0)], [0, 0, 0, 4, 4, 0]
+        )
     else:
-        shape = cut(turned([(0, 0), (0, r), (long, r), (long, 0)]), torus((long / 2, 0, 0), "x", r, min(3.0, r / 4)))
+        shape = cut(
+            turned([(0, 0), (0, r), (long, r), (long, 0)]), torus((long / 2, 0, 0), "x", r, min(3.0, r / 4))
+        )
     if dice.random() < 0.6:
         hole = Hole(dice, half(dice, 1.5, max(2, s * 0.5)), -60, long * 0.6, ["through"])
         shape = cut(shape, cylinder((-1, 0, 0), "x", hole.radius, 1 + long * 0.6))
@@ -260,4 +287,3 @@ def random_part(dice, family=None, turn_deg=0.0):
     low, _ = bounds(shape)
     shape = moved(shape, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [-round(c, 6) for c in low])
     return shape, family, sorted(features)
-

@@ -8,7 +8,16 @@ from ezdxf.render.hatching import hatch_entity
 
 from .styles import LANGUAGES
 
-COLORS = {"visible": 7, "hidden": 3, "centre": 1, "dimension": 4, "text": 2, "hatch": 8, "section": 1, "thin": 5}
+COLORS = {
+    "visible": 7,
+    "hidden": 3,
+    "centre": 1,
+    "dimension": 4,
+    "text": 2,
+    "hatch": 8,
+    "section": 1,
+    "thin": 5,
+}
 
 
 class Pen:

@@ -2,8 +2,6 @@
 
 import json
 
-import ezdxf
-
 from . import annotate, shapes
 from .check import flaws
 from .layout import View, drawn_views, number, place
@@ -29,7 +27,9 @@ def draw_view(pen, view, name, traits, dice):
     is_block = traits["blocks"] != "no" and view.kind not in ("detail",)
     if is_block:
         factor = pen.unit if traits["blocks"] == "views" else 1 / view.scale
-        pen.in_block(f"{dice.choice(['View', 'Ansicht', 'VUE', '*U'])}_{name}".replace("*U_", "A$C"), view.at, factor)
+        pen.in_block(
+            f"{dice.choice(['View', 'Ansicht', 'VUE', '*U'])}_{name}".replace("*U_", "A$C"), view.at, factor
+        )
     for curve in view.curves:
         role = "thin" if curve.smooth else "visible" if curve.visible else "hidden"
         pen.curve(name, role, view.on_paper(curve))
@@ -107,17 +107,14 @@ def save_pictures(doc, base, kinds):
     from ezdxf.addons.drawing import Frontend, RenderContext, config, layout, svg
     from ezdxf.addons.drawing.matplotlib import qsave
 
+    colors = config.Configuration(background_policy=config.BackgroundPolicy.WHITE, lineweight_scaling=0.5)
+    black = colors.with_changes(color_policy=config.ColorPolicy.BLACK)
     for kind in kinds:
         if kind == "svg":
             backend = svg.SVGBackend()
-            Frontend(RenderContext(doc), backend).draw_layout(doc.modelspace())
+            Frontend(RenderContext(doc), backend, config=colors).draw_layout(doc.modelspace())
             page = layout.Page(0, 0, layout.Units.mm, layout.Margins.all(0))
             text = backend.get_string(page, settings=layout.Settings(scale=1.0, fit_page=False))
             base.with_suffix(".svg").write_text(text)
         else:
-            policy = config.Configuration(background_policy=config.BackgroundPolicy.WHITE)
-            policy = policy.with_changes(color_policy=config.ColorPolicy.BLACK, lineweight_scaling=0.5)
-            qsave(doc.modelspace(), str(base.with_suffix("." + kind)), config=policy, dpi=130, bg="#FFFFFF")
-
-
-__all__ = ["complete", "ezdxf", "make_plain", "make_sheet", "save_json", "save_pictures", "truth"]
+            qsave(doc.modelspace(), str(base.with_suffix("." + kind)), config=black, dpi=130, bg="#FFFFFF")

@@ -31,8 +31,8 @@ EXPLANATIONS = {
     "views": "number of views",
     "side": "the side from which the third view is seen",
     "scale": "scale of the drawing",
-    "scale-mark": "lengths are paper lengths and DIMLFAC is set (dimlfac) or dimensions have fixed texts and only "
-    "the title block states the scale (title); or lengths are true and the frame is scaled (frame)",
+    "scale-mark": "lengths are those of the paper, and DIMLFAC is set (dimlfac), or dimensions have fixed "
+    "texts and only the title block states the scale (title); or lengths are true and the frame is scaled (frame)",
     "language": "names of layers and line types; plain: names without a meaning, only the dashes differ",
     "style-by": "line types by layer, by entity, or by entity with all lines on layer 0",
     "blocks": "views as blocks, or as blocks of true size that are scaled when inserted",
@@ -116,14 +116,24 @@ FRENCH = {
 LANGUAGES = {
     "en": Language(
         roles("VISIBLE HIDDEN CENTER DIMENSIONS TEXT BORDER HATCH SECTION THIN"),
-        [("HIDDEN", "Hidden __ __ __", DASHED), ("DASHED", "Dashed __ __", DASHED), ("HIDDEN2", "Hidden (.5x)", DASHED)],
+        [
+            ("HIDDEN", "Hidden __ __ __", DASHED),
+            ("DASHED", "Dashed __ __", DASHED),
+            ("HIDDEN2", "Hidden (.5x)", DASHED),
+        ],
         [("CENTER", "Center ____ _ ____", CHAIN), ("CENTER2", "Center (.5x)", CHAIN)],
         ENGLISH,
     ),
     "iso": Language(
         roles("Outline Edges_2 Axes Dim Annotation Sheet Fill Cut Narrow"),
-        [("ACAD_ISO02W100", "ISO dash __ __ __", ISO_DASHED), ("ACAD_ISO03W100", "ISO dash space __    __", [30.0, 12.0, -18.0])],
-        [("ACAD_ISO10W100", "ISO dash dot __ . __", DOTTED_CHAIN), ("ACAD_ISO08W100", "ISO long-dash short-dash", CHAIN)],
+        [
+            ("ACAD_ISO02W100", "ISO dash __ __ __", ISO_DASHED),
+            ("ACAD_ISO03W100", "ISO dash space __    __", [30.0, 12.0, -18.0]),
+        ],
+        [
+            ("ACAD_ISO10W100", "ISO dash dot __ . __", DOTTED_CHAIN),
+            ("ACAD_ISO08W100", "ISO long-dash short-dash", CHAIN),
+        ],
         ENGLISH,
     ),
     "de": Language(

@@ -59,11 +59,16 @@ def curve_of(edge, visible, smooth):
             return Curve("arc", (center, conic.Radius(), start + turn, sweep), visible, smooth)
         major = conic.MajorRadius()
         ratio = conic.MinorRadius() / major
-        return Curve("ellipse", (center, (major * x.X(), major * x.Y()), ratio, start, sweep), visible, smooth)
+        return Curve(
+            "ellipse", (center, (major * x.X(), major * x.Y()), ratio, start, sweep), visible, smooth
+        )
     points = [at(lo + (hi - lo) * k / 40) for k in range(41)]
     (x, y), (u, v) = points[0], points[-1]
     length = math.hypot(u - x, v - y)
-    if length > 1e-6 and max(abs((p[0] - x) * (v - y) - (p[1] - y) * (u - x)) for p in points) < 1e-6 * length:
+    if (
+        length > 1e-6
+        and max(abs((p[0] - x) * (v - y) - (p[1] - y) * (u - x)) for p in points) < 1e-6 * length
+    ):
         return Curve("line", (points[0], points[-1]), visible, smooth)
     return Curve("spline", through(points), visible, smooth)
 
@@ -152,7 +157,7 @@ def wire_points(wire, face, right, up):
 
 
 def axes_and_centres(shape, view):
-    """Centre lines of holes and round ends: (centre, radius) of circles, (begin, end) of axes, in the view."""
+    """Centre lines of holes and round ends: (centre, radius) of circles and (begin, end) of axes."""
     right, up, eye = axes_of(view)
     circles, lines = set(), set()
     for face in faces_of(shape):
