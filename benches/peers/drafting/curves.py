@@ -15,9 +15,9 @@ SLIVER = 0.12
 class Curve:
     """A curve of a view.
 
-    Its data are (p, q) of a `line`; (centre, radius, start, sweep) in degrees of an `arc`; (centre, major axis,
-    ratio, start, sweep) in degrees of the parameter of an `ellipse`; (degree, knots, poles, weights or None) of a
-    `spline`.
+    Its data are (p, q) of a `line`; (centre, radius, start, sweep) in degrees of an `arc`; (centre, major
+    axis, ratio, start, sweep) in degrees of the parameter of an `ellipse`; (degree, knots, poles, weights
+    or None) of a `spline`.
     """
 
     kind: str

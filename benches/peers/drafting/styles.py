@@ -31,8 +31,8 @@ EXPLANATIONS = {
     "views": "number of views",
     "side": "the side from which the third view is seen",
     "scale": "scale of the drawing",
-    "scale-mark": "lengths are those of the paper, and DIMLFAC is set (dimlfac), or dimensions have fixed "
-    "texts and only the title block states the scale (title); or lengths are true and the frame is scaled (frame)",
+    "scale-mark": "dimlfac: lengths are those of the paper, and DIMLFAC is set; title: the title block alone "
+    "states the scale, and dimensions have fixed texts; frame: lengths are true, and the frame is scaled",
     "language": "names of layers and line types; plain: names without a meaning, only the dashes differ",
     "style-by": "line types by layer, by entity, or by entity with all lines on layer 0",
     "blocks": "views as blocks, or as blocks of true size that are scaled when inserted",
