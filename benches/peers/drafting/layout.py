@@ -138,7 +138,7 @@ def place(views, traits, dice):
         if name in views:
             place_in_corner(views[name], views, gap, third, side_at_right, low, high)
     if traits["misaligned"] == "yes":
-        for name in set(views) - {"front"}:
+        for name in sorted(set(views) - {"front"}):
             views[name].at = tuple(c + dice.uniform(-0.02, 0.02) for c in views[name].at)
     return centred(views, traits, dice, low, high)
 

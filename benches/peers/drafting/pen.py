@@ -1,6 +1,7 @@
 """Writes the entities of a sheet and records which of them belong to which view or annotation."""
 
 import math
+import random
 
 import ezdxf
 from ezdxf.enums import TextEntityAlignment
@@ -132,6 +133,8 @@ class Pen:
         if not exploded:
             self.keep(hatch, group)
             return
+        # ezdxf moves the lines at random, so that they miss corners.
+        random.seed(0)
         for line in hatch_entity(hatch):
             ends = [tuple(round(c, self.digits) for c in (p.x, p.y)) for p in line]
             self.keep(self.space.add_line(*ends, dxfattribs=self.look("hatch")), group)
