@@ -1,0 +1,103 @@
+"""Compares a solid with the true one: volume, faces, and the distance between their surfaces."""
+
+import random
+
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex, BRepBuilderAPI_Transform
+from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.gp import gp_Pnt, gp_Trsf
+from OCP.TopLoc import TopLoc_Location
+
+from . import shapes
+
+SAMPLES = 120
+
+
+def points_on(shape, size, count=SAMPLES):
+    """Points on all faces, exactly on their surfaces, at the corners and middles of triangles."""
+    BRepMesh_IncrementalMesh(shape, size / 200, False, 0.3)
+    found = []
+    for face in shapes.faces_of(shape):
+        place = TopLoc_Location()
+        mesh = BRep_Tool.Triangulation_s(face, place)
+        if mesh is None:
+            continue
+        surface = BRepAdaptor_Surface(face)
+        on_face = []
+        for k in range(1, mesh.NbTriangles() + 1):
+            corners = mesh.Triangle(k).Get()
+            corners = corners[-3:] if len(corners) > 3 else corners
+            uv = [mesh.UVNode(c) for c in corners]
+            middle = surface.Value(sum(p.X() for p in uv) / 3, sum(p.Y() for p in uv) / 3)
+            on_face.append((middle.X(), middle.Y(), middle.Z()))
+        found.append(on_face)
+    dice, chosen = random.Random(0), []
+    # Each face has its share, so that small faces are tested, too.
+    for on_face in found:
+        chosen += dice.sample(on_face, min(len(on_face), max(3, count // max(1, len(found)))))
+    return chosen
+
+
+def farthest(shape, other, size):
+    """Largest distance of sampled points of a shape from the surface of another one."""
+    skin = shapes.together(shapes.faces_of(other))
+    largest = 0.0
+    for point in points_on(shape, size):
+        vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex()
+        largest = max(largest, BRepExtrema_DistShapeShape(vertex, skin).Value())
+    return largest
+
+
+def at_origin(shape):
+    low, high = shapes.bounds(shape)
+    identity = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    return shapes.moved(shape, identity, [-c for c in low]), [h - c for c, h in zip(low, high)]
+
+
+def scaled(shape, factor):
+    change = gp_Trsf()
+    change.SetScaleFactor(factor)
+    return BRepBuilderAPI_Transform(shape, change, True).Shape()
+
+
+def joined(shape):
+    """Bodies that touch as one solid: a drawing does not show whether they are one."""
+    solids = shapes.solids_of(shape)
+    return shapes.unified(shapes.fuse(*solids)) if len(solids) > 1 else shape
+
+
+def compare(found, true, tolerance):
+    """What is equal; both shapes are moved so that the lower corners of their bounds coincide.
+
+    `tolerance` is the distance in millimetres that the decimals and displacements of the drawing explain.
+    """
+    (found, size), (true, true_size) = at_origin(joined(found)), at_origin(joined(true))
+    volume, true_volume = shapes.volume(found), shapes.volume(true)
+    result = {
+        "is_valid": shapes.is_valid(found),
+        "volume_error": volume / true_volume - 1,
+        "faces_equal": shapes.face_kinds(found) == shapes.face_kinds(true),
+        "scale": max(size) / max(true_size),
+    }
+    result["distance"] = distance(found, size, true, true_size, volume, true_volume, tolerance)
+    factor = max(true_size) / max(size)
+    result["is_right"] = result["is_valid"] and result["distance"] <= tolerance
+    if not result["is_right"] and abs(factor - 1) > 1e-3:
+        # Whether only the scale is wrong.
+        other = scaled(found, factor)
+        size = [s * factor for s in size]
+        away = distance(
+            other, size, true, true_size, volume * factor**3, true_volume, tolerance * max(1, factor)
+        )
+        result["only_scale"] = result["is_valid"] and away <= tolerance * max(1, factor)
+    return result
+
+
+def distance(found, size, true, true_size, volume, true_volume, tolerance):
+    """Largest distance between the surfaces; infinite if bounds or volumes differ by far more."""
+    away = max(abs(a - b) for a, b in zip(size, true_size))
+    if away > 3 * tolerance or abs(volume / true_volume - 1) > 0.02:
+        return max(away, 1e9)
+    return max(farthest(found, true, max(true_size)), farthest(true, found, max(true_size)))
