@@ -234,6 +234,8 @@ codes! {
     ProjectionOpen = "projection-open", Warning: "A sheet shows a solid in both conventions of projection.",
     NoSolid = "no-solid", Error: "No solid explains all lines.",
     SolidUnique = "solid-unique", Info: "Exactly one solid has these views.",
+    TwoViews = "two-views", Warning:
+        "Two views leave open whether faces along the missing direction are flat or round.",
     SolidsAmbiguous = "solids-ambiguous", Warning: "Several solids have these views.",
     SearchIncomplete = "search-incomplete", Warning: "There may be more solids than were examined.",
     ViewsConsistent = "views-consistent", Info: "The views agree within their σ.",

@@ -279,7 +279,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
-    report.findings.extend(judge(&report));
+    report.findings.extend(judge(&report, drawing.views.len()));
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
             write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.findings)?.as_ref())?;
@@ -375,12 +375,18 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
 }
 
 /// The findings that follow from the solids and from the agreement of the views.
-fn judge(report: &SolidReport) -> Vec<Finding> {
+fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
     let mut found = Vec::new();
     match report.solutions.len() {
         0 => {
             let text = "no solid explains all lines: the unexplained lines are listed";
             found.push(Finding::new(FindingCode::NoSolid, text));
+        }
+        // A hole seen from two sides may be round or square, and a bar may be round or flat.
+        1 if views == 2 => {
+            let text = "one solid of the simplest faces has these views; two views leave open whether what runs \
+                        along the missing direction is flat or round: add the third view";
+            found.push(Finding::new(FindingCode::TwoViews, text));
         }
         1 if report.complete => {
             let text = "exactly one solid has these views, and its lines are those of the drawing";

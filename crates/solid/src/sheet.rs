@@ -14,8 +14,8 @@
 //!    curves. Sections, details and pictorial views align with none, or are hatched.
 //! 4. The scale is that of the dimensions, or of the title block if the frame has the size of a paper.
 //!
-//! **Limits.** A section instead of a view is not yet a view: it is used only if no other group is at its
-//! place.
+//! **Limits.** Sections are not read. A sheet with two views and a section is an error, because the section may
+//! show what the views do not.
 //!
 //! # References
 //! ISO 128 (lines, views), ISO 5456-2 (projection), ISO 5457 (frames), ISO 7200 (title blocks).
@@ -116,8 +116,6 @@ pub struct SheetView {
     pub kind: ViewKind,
     /// Where it is on the sheet.
     pub bounds: SheetBox,
-    /// Whether a part of it is hatched.
-    pub is_section: bool,
 }
 
 /// The views of a sheet.
@@ -278,11 +276,7 @@ impl<'a> SheetReader<'a> {
             scale,
             scale_source,
             views: (choice.views.iter())
-                .map(|(kind, group)| SheetView {
-                    kind: *kind,
-                    bounds: group.bounds,
-                    is_section: group.is_section,
-                })
+                .map(|(kind, group)| SheetView { kind: *kind, bounds: group.bounds })
                 .collect(),
             set_aside,
         }

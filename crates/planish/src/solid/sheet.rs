@@ -44,9 +44,6 @@ pub struct ReportedPlace {
     /// Left, bottom, right and top on the sheet.
     #[serde(rename = "box")]
     pub bounds: [f64; 4],
-    /// Whether a part of it is hatched.
-    #[serde(rename = "section")]
-    pub is_section: bool,
 }
 
 /// An entity that belongs to no view.
@@ -103,11 +100,7 @@ fn candidate(mut reading: SheetReading, path: &Path) -> ReadDrawing {
         views: (reading.views.iter())
             .map(|view| {
                 let [[left, right], [bottom, top]] = view.bounds;
-                ReportedPlace {
-                    view: view.kind.name(),
-                    bounds: [left, bottom, right, top],
-                    is_section: view.is_section,
-                }
+                ReportedPlace { view: view.kind.name(), bounds: [left, bottom, right, top] }
             })
             .collect(),
         set_aside: (reading.set_aside.iter())

@@ -57,20 +57,11 @@ pub(super) fn choices(
     let is_usual = |choice: &Choice| choice.projection == symbol.unwrap_or(Projection::FirstAngle);
     found.sort_by(|a, b| b.0.total_cmp(&a.0).then(is_usual(&b.1).cmp(&is_usual(&a.1))));
     let best = found[0].0;
-    let mut choices: Vec<Choice> =
-        found.into_iter().take_while(|(value, _)| *value >= best - 1e-9).map(|(_, choice)| choice).collect();
-    // A section instead of the side view: the other two may be enough.
-    let without: Vec<Choice> = choices.iter().filter_map(Choice::without_section).collect();
-    choices.extend(without);
-    choices.truncate(MAX_CHOICES);
-    Ok(choices)
-}
-
-impl Choice {
-    /// The choice without its section, if two other views are left.
-    fn without_section(&self) -> Option<Self> {
-        let views: Vec<_> = self.views.iter().filter(|(_, group)| !group.is_section).cloned().collect();
-        (views.len() == 2 && self.views.len() == 3).then(|| Self { views, ..self.clone() })
+    let choices = found.into_iter().take_while(|(value, _)| *value >= best - 1e-9);
+    let choices: Vec<Choice> = choices.map(|(_, choice)| choice).take(MAX_CHOICES).collect();
+    match chooser.section_beside(&choices[0]) {
+        None => Ok(choices),
+        Some(section) => Err(chooser.explain_section(section)),
     }
 }
 
@@ -95,7 +86,11 @@ impl<'a> Chooser<'a> {
 
     /// Adds all choices with a front view, and their values.
     fn add_choices(&self, front: usize, projection: Projection, found: &mut Vec<(f64, Choice)>) {
-        let others = || (0..self.groups.len()).filter(move |g| *g != front);
+        let is_view = |g: &usize| !self.groups[*g].is_section;
+        if !is_view(&front) {
+            return;
+        }
+        let others = || (0..self.groups.len()).filter(is_view).filter(move |g| *g != front);
         let own = &self.groups[front].bounds;
         let is_top = |g: &usize| {
             let is_above = self.groups[*g].bounds[1][0] > own[1][0];
@@ -136,18 +131,40 @@ impl<'a> Chooser<'a> {
             };
             views.push((kind, self.groups[g].clone()));
         }
-        // Each view counts beside its curves, so that three plain views are better than a rich one and a table;
-        // a section counts half, because it shows the part without what is cut off.
-        let value = |group: &CurveGroup| {
-            let curves = (1.0 + group.curves.len() as f64).ln() + 1.0;
-            if group.is_section { 0.5 * curves } else { curves }
-        };
+        // Each view counts beside its curves, so that three plain views are better than a rich one and a table.
+        let value = |group: &CurveGroup| (1.0 + group.curves.len() as f64).ln() + 1.0;
         let total = views.iter().map(|(_, group)| value(group)).sum();
         (total, Choice { views, projection, are_given: false })
     }
 
+    /// A section that is aligned with a view of a choice of two. What it shows may be in no view.
+    fn section_beside(&self, choice: &Choice) -> Option<usize> {
+        let is_aligned = |section: &usize| {
+            choice.views.iter().any(|(_, view)| {
+                let view = self.groups.iter().position(|group| group.curves == view.curves);
+                view.is_some_and(|view| (0..2).any(|axis| self.are_aligned(view, *section, axis)))
+            })
+        };
+        let mut sections =
+            (0..self.groups.len()).filter(|g| choice.views.len() == 2 && self.groups[*g].is_section);
+        sections.find(is_aligned)
+    }
+
+    fn explain_section(&self, section: usize) -> NoChoice {
+        let [[left, right], [bottom, top]] = self.groups[section].bounds;
+        let text = format!(
+            "expected three views, found two and a hatched section ({left:.3} to {right:.3}, {bottom:.3} to \
+             {top:.3}), which is not yet read: add the view, or state the places of the two views to solve \
+             them alone"
+        );
+        (Some(self.groups[section].curves[0]), text)
+    }
+
     /// Why there is no choice.
     fn explain(&self, given: Option<Projection>) -> NoChoice {
+        if let Some(section) = (0..self.groups.len()).find(|g| self.groups[*g].is_section) {
+            return self.explain_section(section);
+        }
         // The group with the most curves is a view most likely.
         let (front, _) = (self.groups.iter().enumerate())
             .max_by_key(|(_, g)| g.curves.len())

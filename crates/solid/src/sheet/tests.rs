@@ -198,6 +198,15 @@ fn a_hatched_section_and_a_detail_are_set_aside() {
 }
 
 #[test]
+fn a_section_instead_of_a_view_is_refused() {
+    let curves = step_on_a_sheet(Projection::ThirdAngle);
+    let annotations =
+        Annotations { hatches: vec![[[160.0, 190.0], [100.0, 110.0]]], ..Annotations::default() };
+    let e = read(&curves, &annotations).unwrap_err();
+    assert!(e.to_string().contains("found two and a hatched section"), "{e}");
+}
+
+#[test]
 fn the_scale_is_that_of_dimensions_or_of_paper() {
     let with = |curves: &[DrawnCurve], annotations: &Annotations| {
         let reading = read(curves, annotations).unwrap().remove(0);
