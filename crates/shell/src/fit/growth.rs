@@ -191,7 +191,8 @@ pub fn fit_with_growing_controls(
     let (mut deformation, mut fit, mut pose) = fit_of(&controls, None, Begin::Given, 0)?;
     if let Some(found) = &pose {
         let (moved, turned, _) = fit_of(&controls, Some(found), Begin::Given, 1)?;
-        if is_better(&turned, &fit, 0) {
+        // Shape that few controls cannot represent may look like a part that turned; more controls follow it.
+        if is_better(&turned, &fit, 0) && 2 * turned.unfollowed_points <= fit.unfollowed_points {
             (deformation, fit) = (moved, turned);
         } else {
             pose = None;
