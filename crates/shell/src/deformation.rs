@@ -12,11 +12,13 @@
 mod dirichlet;
 mod lattice;
 mod modes;
+mod posed;
 mod rigid;
 
 pub use dirichlet::Dirichlet;
 pub use lattice::{Lattice, LatticeBasis};
 pub use modes::{Modes, VertexDisplacements};
+pub(crate) use posed::PosedDeformation;
 pub(crate) use rigid::nearest_rotation;
 pub use rigid::{PartMotion, RigidPart, RigidParts};
 

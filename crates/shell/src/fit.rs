@@ -44,6 +44,7 @@ mod sight;
 mod smoothness;
 mod solve;
 mod starts;
+mod strain;
 mod support;
 mod tracks;
 
@@ -201,6 +202,9 @@ pub struct ShellFit {
     /// Number of points that the fit rejected although they agree with their neighbours: surface that the
     /// mesh does not follow.
     pub unfollowed_points: usize,
+    /// Share of the mesh's area that is stretched in one direction more than twice as much as in the other,
+    /// relative to the mesh at rest or in the pose that was found for its parts.
+    pub strained_share: f64,
     /// Points.
     pub points: SourceFit,
     /// Outline points, one view after the other.

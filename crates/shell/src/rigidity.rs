@@ -104,6 +104,11 @@ impl Rigidity {
         Ok(Self { rest: points.to_vec(), cells })
     }
 
+    /// The same springs between points that are at rest in another pose.
+    pub(crate) fn in_pose(self, rest: Vec<DVec3>) -> Self {
+        Self { rest, ..self }
+    }
+
     /// Number of points.
     #[must_use]
     pub fn points(&self) -> usize {

@@ -444,7 +444,7 @@ impl Run<'_> {
             flow: start.flow,
             frames: self.of_frames,
             termination: match fit.termination {
-                _ if !inspection::follows(&fit, frame.states_sigma) => "not_following",
+                _ if !inspection::follows(&fit, &start.mesh, frame.states_sigma) => "not_following",
                 Termination::Converged => "converged",
                 Termination::ReachedTolerance => "reached_tolerance",
                 _ => "limit",

@@ -11,8 +11,9 @@
 //! the point. Normals have no sign. Points only: the mesh may be larger than what was measured.
 
 use super::Pose;
+use super::joint::{Joint, Place};
 use super::motion::{Motion, PartRotation, RigidMotion, shifted};
-use super::parts::Part;
+use super::parts::{Cut, Part, Parts};
 use crate::point_tree::{PointTree, plane_through};
 use nalgebra::{SMatrix, SVector, Vector3};
 use planish_core::DVec3;
@@ -25,10 +26,16 @@ use rayon::prelude::*;
 const SAMPLES: usize = 1000;
 /// Number of points, and of those that score trials before they are refined.
 const POINTS: (usize, usize) = (800, 250);
+/// Number of samples of the mesh and of points by which joints are estimated.
+const OF_JOINTS: (usize, usize) = (4000, 1500);
+/// `τ` of [`Targets::joint_misfit`] as a multiple.
+const JOINT_REACH: f64 = 0.3;
 /// `τ` as a share of the diagonal. About twice the distance of neighbouring samples.
 const REACH: f64 = 0.05;
 /// Neighbours to which the plane of a point is fitted.
 const PLANE_NEIGHBOURS: usize = 9;
+/// Height above which a point is far from a sample, as a multiple of `τ`.
+const FAR: f64 = 0.2;
 /// `τ` of [`Targets::quick_misfit`] as a multiple: unrefined trials are farther away.
 const QUICK_REACH: f64 = 1.5;
 /// `τ` of the first iteration of a refinement as a multiple, the share of it that each iteration leaves, and
@@ -104,16 +111,21 @@ impl Samples {
         self.sources.iter().map(at).collect()
     }
 
+    fn matches<'a>(&'a self, points: &'a [(DVec3, DVec3)]) -> impl Iterator<Item = Match> + 'a {
+        matches(&self.positions, &self.normals, points)
+    }
+
     pub(super) fn turned(&self, motion: &PartRotation, weights: &[f64]) -> Self {
         self.moved(weights, |at, normal, weight| motion.applied(at, normal, weight))
     }
 
+    pub(super) fn bent(&self, joint: &Joint, weights: &[f64]) -> Self {
+        self.moved(weights, |at, normal, weight| joint.applied(at, normal, weight))
+    }
+
     fn moved(&self, weights: &[f64], motion: impl Fn(DVec3, DVec3, f64) -> (DVec3, DVec3)) -> Self {
         let (positions, normals) = (self.positions.iter().zip(&self.normals).zip(weights))
-            .map(|((at, normal), weight)| match *weight {
-                0.0 => motion(*at, *normal, 0.0),
-                weight => motion(*at, *normal, weight),
-            })
+            .map(|((at, normal), weight)| motion(*at, *normal, *weight))
             .unzip();
         Self { sources: self.sources.clone(), positions, normals }
     }
@@ -126,18 +138,126 @@ pub(super) struct Targets {
 }
 
 /// A point beside its nearest sample.
-struct Match {
-    sample: usize,
-    distance: f64,
+pub(super) struct Match {
+    pub sample: usize,
+    pub distance: f64,
     /// Height of the point above the plane of the sample.
-    height: f64,
+    pub height: f64,
     /// Cosine between their normals, without a sign.
-    cosine: f64,
+    pub cosine: f64,
+}
+
+/// Samples by which a joint is estimated: places on triangles, whose corners move.
+pub(super) struct JointSamples {
+    corners: Vec<Place>,
+    /// Corners and barycentric coordinates.
+    sources: Vec<([u32; 3], [f64; 3])>,
+}
+
+impl JointSamples {
+    /// Samples of a mesh whose vertices are at `posed`, for a joint at a cut.
+    ///
+    /// # Errors
+    /// As [`sample_points`].
+    pub(super) fn new(mesh: &TriangleMesh, posed: &[DVec3], parts: &Parts, cut: &Cut) -> Result<Self> {
+        let mut random = SplitMix64::new(2);
+        let made: Vec<SurfacePoint> = sample_points(mesh, OF_JOINTS.0, || unit_interval(random.next_u64()))?;
+        let values = parts.signed_values(cut);
+        let (mut own, mut corners) = (vec![u32::MAX; posed.len()], Vec::new());
+        let sources = (made.iter())
+            .map(|sample| {
+                let triangle = mesh.triangles[sample.triangle as usize];
+                let places = triangle.map(|v| {
+                    let v = v as usize;
+                    if own[v] == u32::MAX {
+                        own[v] = corners.len() as u32;
+                        corners.push(Place { at: posed[v], rest: mesh.positions[v], value: values[v] });
+                    }
+                    own[v]
+                });
+                (places, sample.barycentric)
+            })
+            .collect();
+        Ok(Self { corners, sources })
+    }
+
+    /// The place of a sample before the motion of the joint.
+    pub(super) fn place(&self, sample: usize) -> Place {
+        let (corners, weights) = &self.sources[sample];
+        let mut made = Place { at: DVec3::ZERO, rest: DVec3::ZERO, value: 0.0 };
+        for (corner, weight) in corners.iter().zip(weights) {
+            let own = &self.corners[*corner as usize];
+            made.at += *weight * own.at;
+            made.rest += *weight * own.rest;
+            made.value += weight * own.value;
+        }
+        made
+    }
+
+    /// The samples after a motion.
+    pub(super) fn posed(&self, motion: impl Fn(&Place) -> DVec3) -> PosedSamples {
+        let corners: Vec<DVec3> = self.corners.iter().map(motion).collect();
+        let (positions, normals) = (self.sources.iter())
+            .map(|(triangle, weights)| {
+                let [a, b, c] = triangle.map(|v| corners[v as usize]);
+                let normal = (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::ZERO);
+                (weights[0] * a + weights[1] * b + weights[2] * c, normal)
+            })
+            .unzip();
+        PosedSamples { positions, normals }
+    }
+}
+
+/// Samples after a motion.
+pub(super) struct PosedSamples {
+    positions: Vec<DVec3>,
+    normals: Vec<DVec3>,
+}
+
+impl PosedSamples {
+    pub(super) fn normal(&self, sample: usize) -> DVec3 {
+        self.normals[sample]
+    }
+
+    /// Points beside their nearest samples.
+    pub(super) fn matches<'a>(&'a self, points: &'a [(DVec3, DVec3)]) -> impl Iterator<Item = Match> + 'a {
+        matches(&self.positions, &self.normals, points)
+    }
+}
+
+fn matches<'a>(
+    positions: &'a [DVec3],
+    normals: &'a [DVec3],
+    points: &'a [(DVec3, DVec3)],
+) -> impl Iterator<Item = Match> + 'a {
+    let tree = PointTree::new(positions).ok();
+    points.iter().filter_map(move |(point, normal)| {
+        let (distance, sample) = tree.as_ref()?.nearest_one(*point)?;
+        let sample = sample as usize;
+        let own = normals[sample];
+        Some(Match {
+            sample,
+            distance,
+            height: (*point - positions[sample]).dot(own),
+            cosine: normal.dot(own).abs(),
+        })
+    })
+}
+
+/// Mean of `min(1, (h/τ)² + 2 (1 − |n·m|) + 2 max(0, d/τ − 1))`.
+fn mean_misfit(matches: impl Iterator<Item = Match>, count: usize, reach: f64) -> f64 {
+    let sum: f64 = matches
+        .map(|m| {
+            let beyond = 2.0 * (m.distance / reach - 1.0).max(0.0);
+            ((m.height / reach).powi(2) + 2.0 * (1.0 - m.cosine) + beyond).min(1.0)
+        })
+        .sum();
+    sum / count.max(1) as f64
 }
 
 /// Weight `(1 − e)²` of a match in a refinement, with `e = 0.3 (d/τ)² + (h/τ)² + 1 − |n·m|`; `None` if `e` is
 /// above 1.
-fn agreement(distance: f64, height: f64, cosine: f64, reach: f64) -> Option<f64> {
+pub(super) fn agreement(distance: f64, height: f64, cosine: f64, reach: f64) -> Option<f64> {
     let error = 0.3 * (distance / reach).powi(2) + (height / reach).powi(2) + (1.0 - cosine);
     (error < 1.0).then(|| (1.0 - error).powi(2))
 }
@@ -147,12 +267,11 @@ impl Targets {
     /// As [`PointTree::new`].
     pub(super) fn new(points: &[DVec3], size: f64) -> Result<Self> {
         let tree = PointTree::new(points)?;
-        let step = points.len().div_ceil(POINTS.0).max(1);
         // By a random order, so that points of one scan line are not left out together.
         let mut order: Vec<(u64, usize)> =
             (0..points.len()).map(|i| (planish_core::random::mix64(i as u64), i)).collect();
         order.sort_unstable();
-        let all = (order.par_iter().take(points.len() / step))
+        let all = (order.par_iter().take(OF_JOINTS.1))
             .map(|(_, i)| {
                 let near: Vec<DVec3> = (tree.nearest(points[*i], PLANE_NEIGHBOURS).iter())
                     .map(|(_, j)| points[*j as usize])
@@ -171,30 +290,37 @@ impl Targets {
         &self.all[..effort.points().min(self.all.len())]
     }
 
-    fn matches<'a>(samples: &'a Samples, points: &'a [(DVec3, DVec3)]) -> impl Iterator<Item = Match> + 'a {
-        let tree = PointTree::new(&samples.positions).ok();
-        points.iter().filter_map(move |(point, normal)| {
-            let (distance, sample) = tree.as_ref()?.nearest_one(*point)?;
-            let sample = sample as usize;
-            let own = samples.normals[sample];
-            Some(Match {
-                sample,
-                distance,
-                height: (*point - samples.positions[sample]).dot(own),
-                cosine: normal.dot(own).abs(),
-            })
-        })
-    }
-
     fn misfit_of(&self, samples: &Samples, effort: Effort, reach: f64) -> f64 {
         let points = self.of(effort);
-        let sum: f64 = Self::matches(samples, points)
-            .map(|m| {
-                let beyond = 2.0 * (m.distance / reach - 1.0).max(0.0);
-                ((m.height / reach).powi(2) + 2.0 * (1.0 - m.cosine) + beyond).min(1.0)
-            })
-            .sum();
-        sum / points.len().max(1) as f64
+        mean_misfit(samples.matches(points), points.len(), reach)
+    }
+
+    /// The misfit of a pose with an estimated joint, for a smaller `τ`.
+    pub(super) fn joint_misfit(&self, samples: &PosedSamples) -> f64 {
+        let points = self.of_joints();
+        mean_misfit(samples.matches(points), points.len(), JOINT_REACH * self.reach)
+    }
+
+    /// Share of the points that are far from the planes of their nearest samples.
+    pub(super) fn far_share(&self, samples: &Samples) -> f64 {
+        let points = self.of(Effort::Full);
+        let is_far = |m: &Match| m.height.abs() > FAR * self.reach;
+        samples.matches(points).filter(is_far).count() as f64 / points.len().max(1) as f64
+    }
+
+    /// The misfit of a pose.
+    pub(super) fn misfit(&self, samples: &Samples) -> f64 {
+        self.misfit_of(samples, Effort::Full, self.reach)
+    }
+
+    /// Diagonal of the mesh.
+    pub(super) fn size(&self) -> f64 {
+        self.reach / REACH
+    }
+
+    /// The points by which joints are estimated, with their normals.
+    pub(super) fn of_joints(&self) -> &[(DVec3, DVec3)] {
+        &self.all
     }
 
     /// The misfit of fewer points with a larger `τ`.
@@ -236,7 +362,7 @@ impl Targets {
         let mut information = SMatrix::<f64, 12, 12>::zeros();
         let mut vector = SVector::<f64, 12>::zeros();
         let mut sum = 0.0;
-        for m in Self::matches(samples, self.of(effort)) {
+        for m in samples.matches(self.of(effort)) {
             let Some(weight) = agreement(m.distance, m.height, m.cosine, reach) else { continue };
             let (at, normal) = (samples.positions[m.sample], samples.normals[m.sample]);
             let arm = (at - center).cross(normal);
@@ -250,7 +376,7 @@ impl Targets {
             sum += weight;
         }
         // Directions that no point determines stay as they are.
-        let size = self.reach / REACH;
+        let size = self.size();
         for k in 0..12 {
             let unit = if k % 6 < 3 { size * size } else { 1.0 };
             information[(k, k)] += DAMPING * unit * sum.max(f64::MIN_POSITIVE);

@@ -2,6 +2,7 @@
 //!
 //! In: positions with the weight of the part at each. Out: moved positions.
 
+use super::joint::Joint;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use planish_core::DVec3;
 
@@ -27,9 +28,22 @@ pub(super) enum Motion {
     /// Rigid motions of the rest and of the part. Positions of weight `w` move to the mean of both, weighted
     /// by `1 − w` and `w`.
     Shift(usize, [RigidMotion; 2]),
+    /// A joint.
+    Bend(Joint),
+}
+
+/// `3u² − 2u³`, 0 below 0 and 1 above 1.
+pub(super) fn smooth_step(u: f64) -> f64 {
+    let u = u.clamp(0.0, 1.0);
+    u * u * (3.0 - 2.0 * u)
 }
 
 impl PartRotation {
+    /// The motion of positions of weight 1.
+    pub(super) fn rigid(&self) -> RigidMotion {
+        RigidMotion::IDENTITY.followed_by(self.turn, Vector3::zeros(), self.pivot)
+    }
+
     /// A position and a normal after the rotation.
     pub(super) fn applied(&self, at: DVec3, normal: DVec3, weight: f64) -> (DVec3, DVec3) {
         let rotation = Rotation3::new(weight * self.turn);
@@ -44,8 +58,21 @@ impl RigidMotion {
         translation: Vector3::new(0.0, 0.0, 0.0),
     };
 
-    fn applied(&self, at: DVec3) -> DVec3 {
+    pub(super) fn applied(&self, at: DVec3) -> DVec3 {
         DVec3::from(self.rotation * Vector3::from(at) + self.translation)
+    }
+
+    pub(super) fn inverse(&self) -> Self {
+        let rotation = self.rotation.transpose();
+        Self { rotation, translation: -(rotation * self.translation) }
+    }
+
+    /// This motion after another one.
+    pub(super) fn after(&self, first: &Self) -> Self {
+        Self {
+            rotation: self.rotation * first.rotation,
+            translation: self.rotation * first.translation + self.translation,
+        }
     }
 
     /// This motion followed by a rotation about a centre and a translation.

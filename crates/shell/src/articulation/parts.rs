@@ -13,8 +13,9 @@
 //!
 //! Not guaranteed: a part has one joint only. Two limbs that turn together are two parts.
 
+use super::joint::{Joint, Place};
 use super::misfit::Samples;
-use super::motion::{Motion, shifted};
+use super::motion::{Motion, shifted, smooth_step};
 use crate::controls::EdgeGraph;
 use nalgebra::{Matrix3, Vector3};
 use planish_core::DVec3;
@@ -35,17 +36,24 @@ const EQUAL: f64 = 0.1;
 
 /// The level set of a function, with the side that turns.
 #[derive(Debug, Clone, Copy)]
-struct Cut {
+pub(super) struct Cut {
     function: usize,
     level: f64,
     /// 1 if the part is above the level, −1 if it is below.
     side: f64,
 }
 
+impl Cut {
+    /// The distance of a value from the level, positive in the part.
+    fn signed(&self, value: f64) -> f64 {
+        self.side * (value - self.level)
+    }
+}
+
 /// A part with its weights at the samples.
 pub(super) struct Part {
     /// `None` for the whole mesh.
-    cut: Option<Cut>,
+    pub cut: Option<Cut>,
     weights: Vec<f64>,
 }
 
@@ -54,7 +62,8 @@ pub(super) struct Parts {
     pub all: Vec<Part>,
     /// Values of the functions at the vertices.
     functions: Vec<Vec<f64>>,
-    width: f64,
+    /// Width of joints.
+    pub width: f64,
 }
 
 impl Part {
@@ -125,6 +134,51 @@ impl Parts {
         }
     }
 
+    /// Signed distances of the vertices from a cut, by its function.
+    pub(super) fn signed_values(&self, cut: &Cut) -> Vec<f64> {
+        self.functions[cut.function].iter().map(|value| cut.signed(*value)).collect()
+    }
+
+    /// Weights of a joint at samples of the mesh.
+    pub(super) fn joint_weights(&self, mesh: &TriangleMesh, samples: &Samples, joint: &Joint) -> Vec<f64> {
+        let weights: Vec<f64> = (mesh.positions.iter().zip(self.signed_values(&joint.cut)))
+            .map(|(p, value)| joint.weight(&Place { at: *p, rest: *p, value }, self.width))
+            .collect();
+        samples.interpolated(mesh, &weights)
+    }
+
+    /// The joint with the cuts of other functions, those of the most similar weights first.
+    pub(super) fn similar_joints(
+        &self,
+        mesh: &TriangleMesh,
+        samples: &Samples,
+        joint: &Joint,
+        count: usize,
+    ) -> Vec<Joint> {
+        let weights = self.joint_weights(mesh, samples, joint);
+        let mean_of = |share: &dyn Fn(f64) -> f64, values: &[f64]| {
+            let (sum, all) = (weights.iter().zip(values))
+                .fold((0.0, 0.0), |(sum, all), (w, v)| (sum + share(*w) * v, all + share(*w)));
+            sum / all.max(f64::MIN_POSITIVE)
+        };
+        let mut found: Vec<(f64, Joint)> = (self.functions.par_iter().enumerate())
+            .filter(|(function, _)| *function != joint.cut.function)
+            .map(|(function, values)| {
+                let at_samples = samples.interpolated(mesh, values);
+                let above = mean_of(&|w| w, &at_samples) > mean_of(&|w| 1.0 - w, &at_samples);
+                let level = mean_of(&|w| w * (1.0 - w), &at_samples);
+                let cut = Cut { function, level, side: if above { 1.0 } else { -1.0 } };
+                let other = joint.with_cut(cut);
+                let squares: f64 = (weights.iter().zip(self.joint_weights(mesh, samples, &other)))
+                    .map(|(a, b)| (a - b).powi(2))
+                    .sum();
+                (squares, other)
+            })
+            .collect();
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.into_iter().take(count).map(|(_, other)| other).collect()
+    }
+
     /// Positions of all vertices after motions of parts.
     pub(super) fn replayed(&self, positions: &[DVec3], motions: &[Motion]) -> Vec<DVec3> {
         let weight_of = |part: usize, vertex: usize| {
@@ -136,6 +190,11 @@ impl Parts {
                 motions.iter().fold(*p, |at, motion| match motion {
                     Motion::Turn(part, turn) => turn.applied(at, DVec3::Z, weight_of(*part, v)).0,
                     Motion::Shift(part, rigid) => shifted(rigid, at, DVec3::Z, weight_of(*part, v)).0,
+                    Motion::Bend(joint) => {
+                        let value = joint.cut.signed(self.functions[joint.cut.function][v]);
+                        let weight = joint.weight(&Place { at, rest: *p, value }, self.width);
+                        joint.applied(at, DVec3::Z, weight).0
+                    }
                 })
             })
             .collect()
@@ -144,8 +203,7 @@ impl Parts {
 
 /// The weight of a part at a value of its function: `3s² − 2s³` across the joint.
 fn weight(value: f64, cut: &Cut, width: f64) -> f64 {
-    let s = (cut.side * (value - cut.level) / width + 0.5).clamp(0.0, 1.0);
-    s * s * (3.0 - 2.0 * s)
+    smooth_step(cut.signed(value) / width + 0.5)
 }
 
 fn range(values: &[f64]) -> (f64, f64) {

@@ -30,7 +30,7 @@ use super::starts::{follows, other_start, parameters_at};
 use super::support::VertexResiduals;
 use super::{ResumePoint, ShellFit, ShellFitOptions, ShellProgress, fit_from_one_start};
 use crate::controls::{ControlSampling, Controls};
-use crate::deformation::{Deformation, Dirichlet, displacements};
+use crate::deformation::{Deformation, Dirichlet, PosedDeformation, displacements};
 use crate::point_tree::PointTree;
 use crate::rigidity::Rigidity;
 use nalgebra::{DMatrix, DVector};
@@ -57,9 +57,6 @@ const MAX_ROUNDS: usize = 5;
 /// square of the distance it is 0.36. With 1/3, 92 to 95 % of the vertices of three fits were within 1.96 σ;
 /// without this term, 79 to 81 %.
 const REMAINING_ERROR: f64 = 1.0 / 3.0;
-/// Number of controls of a fit that begins in another pose. Sixty are too far apart for a joint that turns by
-/// 90°: errors of seen vertices of three such turns were 12, 17 and 42 σ with 60; 5, 9 and 23 σ with 150.
-const CONTROLS_OF_POSES: usize = 150;
 /// Share of the points that the mesh does not follow, of those before a round, above which no more controls
 /// are added.
 const MIN_LEFT: f64 = 0.75;
@@ -102,11 +99,9 @@ pub struct GrownFit {
 }
 
 /// Where the iterations of a fit begin.
-enum Begin<'a> {
+enum Begin {
     /// At the start of the options.
     Given,
-    /// At given positions of the vertices.
-    Pose(&'a [DVec3]),
     /// At the end of an earlier fit.
     Resume(ResumePoint),
 }
@@ -163,13 +158,21 @@ pub fn fit_with_growing_controls(
 ) -> Result<GrownFit> {
     let mut sampling = ControlSampling::new(controlled, growth.initial, 0)?;
     let mut iterations = 0;
-    let mut fit_of = |controls: &Controls, begin: Begin<'_>, round: usize| {
-        let ControlledDeformation { deformation, stiffness, rigidity } = build(controls)?;
+    let mut fit_of = |controls: &Controls, pose: Option<&[DVec3]>, begin: Begin, round: usize| {
+        let mut made = build(controls)?;
+        let has_parts = made.deformation.parameters() > 3 * controls.points.len();
+        if let Some(pose) = pose.filter(|_| !has_parts) {
+            made = in_pose(made, mesh, controls, pose);
+        }
+        let ControlledDeformation { deformation, stiffness, rigidity } = made;
         let mut options = ShellFitOptions { stiffness, rigidity, ..options.clone() };
-        match begin {
-            Begin::Given => {}
-            Begin::Pose(pose) => options.initial = Some(parameters_at(mesh, &*deformation, pose)?),
-            Begin::Resume(resume) => options.resume = Some(resume),
+        match (begin, pose) {
+            (Begin::Resume(resume), _) => options.resume = Some(resume),
+            // A pose would deform rigid parts.
+            (Begin::Given, Some(pose)) if has_parts => {
+                options.initial = Some(parameters_at(mesh, &*deformation, pose)?);
+            }
+            _ => {}
         }
         let before = iterations;
         let fit = fit_from_one_start(mesh, &*deformation, readings, &options, &mut |at| {
@@ -178,18 +181,21 @@ pub fn fit_with_growing_controls(
             watch(ShellProgress { share, iteration: before + at.iteration, ..at })
         })?;
         iterations += fit.iterations;
-        let other = other_start(mesh, readings, &options, &fit)?;
+        let other = match pose {
+            None => other_start(mesh, readings, &options, &fit)?,
+            Some(_) => None,
+        };
         Ok::<_, planish_estimate::Error>((deformation, fit, other))
     };
     let mut controls = sampling.controls();
-    let (mut deformation, mut fit, pose) = fit_of(&controls, Begin::Given, 0)?;
-    if let Some(pose) = pose {
-        let count = CONTROLS_OF_POSES.clamp(growth.initial, growth.max.max(growth.initial));
-        let of_pose = ControlSampling::new(controlled, count, 0)?;
-        let next = of_pose.controls();
-        let (moved, turned, _) = fit_of(&next, Begin::Pose(&pose), 1)?;
-        if is_better(&turned, &fit, 3 * next.points.len().saturating_sub(controls.points.len())) {
-            (sampling, controls, deformation, fit) = (of_pose, next, moved, turned);
+    let (mut deformation, mut fit, mut pose) = fit_of(&controls, None, Begin::Given, 0)?;
+    if let Some(found) = &pose {
+        let (moved, turned, _) = fit_of(&controls, Some(found), Begin::Given, 1)?;
+        // Shape that few controls cannot represent may look like a part that turned; more controls follow it.
+        if is_better(&turned, &fit, 0) && 2 * turned.unfollowed_points <= fit.unfollowed_points {
+            (deformation, fit) = (moved, turned);
+        } else {
+            pose = None;
         }
     }
     let mut errors = vec![0.0; mesh.positions.len()];
@@ -206,7 +212,7 @@ pub fn fit_with_growing_controls(
             cameras: fit.cameras.clone(),
             smoothness_weight: fit.smoothness_weight,
         };
-        let (moved, refined, _) = fit_of(&next, Begin::Resume(resume), round)?;
+        let (moved, refined, _) = fit_of(&next, pose.as_deref(), Begin::Resume(resume), round)?;
         if !is_better(&refined, &fit, 3 * added) {
             break;
         }
@@ -229,6 +235,22 @@ pub fn fit_with_growing_controls(
         *sigma = sigma.hypot(error);
     }
     Ok(GrownFit { fit, deformation, controls })
+}
+
+/// A deformation that counts from a pose of the vertices, with the energy of changes from it.
+fn in_pose(
+    made: ControlledDeformation,
+    mesh: &TriangleMesh,
+    controls: &Controls,
+    pose: &[DVec3],
+) -> ControlledDeformation {
+    let of_controls = controls.vertices.iter().map(|v| pose[*v as usize]).collect();
+    let by = pose.iter().zip(&mesh.positions).map(|(after, before)| *after - *before).collect();
+    ControlledDeformation {
+        deformation: Box::new(PosedDeformation { inner: made.deformation, pose: by }),
+        rigidity: made.rigidity.map(|rigidity| rigidity.in_pose(of_controls)),
+        ..made
+    }
 }
 
 /// Radii of the regions of controls: smaller ones where the mesh does not follow its points, otherwise

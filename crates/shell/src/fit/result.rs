@@ -8,9 +8,11 @@ use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
 use super::priors::Priors;
 use super::problem::State;
 use super::residual_leverage::{Signs, leverage_of_signs};
+use super::strain::strained_share;
 use super::support::{PointFoot, Support, support, unfollowed};
 use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
+use nalgebra::DVector;
 use planish_core::DVec3;
 use planish_estimate::{Result, Termination};
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -29,6 +31,8 @@ pub(super) fn finished(
     weight: f64,
 ) -> Result<ShellFit> {
     let positions = displaced_positions(&mesh.positions, deformation, &state.q);
+    let initial = displaced_positions(&mesh.positions, deformation, &DVector::zeros(state.q.len()));
+    let strained_share = strained_share(mesh, &initial, &positions);
     let linear = deformation.linearised_at(&state.q);
     let deformation = linear.as_deref().unwrap_or(deformation);
     let loss = &priors.options.loss;
@@ -90,6 +94,7 @@ pub(super) fn finished(
         unresolved_at: around.shape,
         support: around.of_vertices,
         unfollowed_points: around.unfollowed,
+        strained_share,
         residuals_at: around.residuals,
         data_vector,
         data_information: of_data.information,

@@ -24,6 +24,8 @@ use planish_mesh::TriangleMesh;
 const MAX_UNFOLLOWED: f64 = 0.01;
 /// The same, from which another start is tried. Fewer may be shape that 60 controls cannot represent.
 const MIN_UNFOLLOWED_OF_TURNS: f64 = 0.02;
+/// Share of the mesh's area that is strained, from which another start is tried ([`super::strain`]).
+const MIN_STRAINED: f64 = 0.05;
 /// Maximum number of vertices that determine the parameters of a pose.
 const POSE_VERTICES: usize = 800;
 /// Iterations that determine the parameters of a pose; one is enough for linear deformations.
@@ -61,7 +63,8 @@ pub(super) fn other_start(
     // parts in their new pose.
     let vectors = [&options.start, &options.initial];
     let is_given = vectors.iter().any(|q| q.is_some()) || options.resume.is_some() || options.prior.is_some();
-    if options.rigidity.is_none() || is_given || unfollowed_share(fit) < MIN_UNFOLLOWED_OF_TURNS {
+    let is_right = unfollowed_share(fit) < MIN_UNFOLLOWED_OF_TURNS && fit.strained_share < MIN_STRAINED;
+    if options.rigidity.is_none() || is_given || is_right {
         return Ok(None);
     }
     let points: Vec<DVec3> = readings.points.iter().map(|p| p.at).collect();

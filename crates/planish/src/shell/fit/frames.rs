@@ -122,7 +122,8 @@ impl Run<'_> {
     ) -> Result<FittedFrame> {
         let Moving { start, deformation, picture, size } = *of_mesh;
         let k = stage.number;
-        self.unfollowed[k] = inspection::unfollowed(&fit, &frame, size, stage.name, self.job.force)?;
+        let of_size = (&start.mesh, size);
+        self.unfollowed[k] = inspection::unfollowed(&fit, &frame, of_size, stage.name, self.job.force)?;
         // The fit moves vertices and keeps triangles.
         let found =
             TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };

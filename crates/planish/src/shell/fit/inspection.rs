@@ -37,6 +37,9 @@ const MAX_UNFOLLOWED_SHARE: f64 = 0.05;
 /// Minimum rms distance of these points from the mesh, relative to its size, for a refusal. Exact points show
 /// deviations that matter little, as of a part that was asked to stay rigid.
 const MIN_UNFOLLOWED_DISTANCE: f64 = 0.01;
+/// Maximum share of the mesh's area that is stretched in one direction more than twice as much as in the other
+/// while it folds. Fits that ended at a wrong position have 10 % and more, others 0.3 %.
+const MAX_STRAINED_SHARE: f64 = 0.03;
 /// Ratio of the σ of points by their residuals to the stated one, above which the mesh does not follow them.
 /// Sensors are rarely that much worse than stated.
 const MAX_FACTOR: f64 = 3.0;
@@ -228,11 +231,18 @@ pub(super) fn outcome(
     findings
 }
 
-/// True if few points agree with their neighbours but not with the mesh, and residuals are not far above the
-/// stated σ.
-pub(super) fn follows(fit: &ShellFit, states_sigma: bool) -> bool {
+/// True if a fit, of a mesh, probably ended at the right position: few points agree with their neighbours but
+/// not with the mesh, residuals are not far above the stated σ, and the mesh is not both strained and folded.
+pub(super) fn follows(fit: &ShellFit, mesh: &TriangleMesh, states_sigma: bool) -> bool {
     let share = fit.unfollowed_points as f64 / fit.points.outliers.len().max(1) as f64;
-    share < MIN_UNFOLLOWED_SHARE && !(states_sigma && fit.points.sigma_factor > MAX_FACTOR)
+    share < MIN_UNFOLLOWED_SHARE
+        && !(states_sigma && fit.points.sigma_factor > MAX_FACTOR)
+        && !is_strained(fit, mesh)
+}
+
+/// True if much of a mesh is strained and it folds: its points are near it, but those of other places.
+fn is_strained(fit: &ShellFit, mesh: &TriangleMesh) -> bool {
+    fit.strained_share > MAX_STRAINED_SHARE && mesh.distortion(&fit.positions).folds > 0
 }
 
 /// A finding if the mesh, of a size, does not follow surface that the points of a frame show. `name` is that
@@ -244,15 +254,20 @@ pub(super) fn follows(fit: &ShellFit, states_sigma: bool) -> bool {
 pub(super) fn unfollowed(
     fit: &ShellFit,
     frame: &Frame,
-    size: f64,
+    (mesh, size): (&TriangleMesh, f64),
     name: &str,
     force: bool,
 ) -> Result<Option<Finding>> {
     let (count, all) = (fit.unfollowed_points as f64, fit.points.outliers.len() as f64);
-    if count < MIN_UNFOLLOWED_SHARE * all {
-        return Ok(None);
-    }
     let place = if name.is_empty() { String::new() } else { format!("frame {name}: ") };
+    if count < MIN_UNFOLLOWED_SHARE * all {
+        let text = format!(
+            "{place}{} of the mesh is stretched in one direction more than twice as much as in the other, and \
+             it folds: parts probably ended at a wrong position",
+            percent(fit.strained_share)
+        );
+        return Ok(is_strained(fit, mesh).then(|| Finding::new(FindingCode::SurfaceNotFollowing, text)));
+    }
     let text = format!(
         "{place}{count} of {all} points ({}) agree with their neighbours but not with the mesh: it does not \
          follow the object there (`observed` is 3), or ended at a wrong position; parts that turn far need a \
