@@ -256,7 +256,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     let surface = match &job.surface {
         Some(path) => {
             progress.check("surface", 0.45)?;
-            Some(surface::consistent_surface(path, &views, &found, object_box)?)
+            Some(surface::consistent_surface(path, &views, object_box)?)
         }
         None => None,
     };

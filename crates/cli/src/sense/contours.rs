@@ -19,7 +19,8 @@ Examples:
 
 views.toml has a table [[view]] for each view, in the order of the camera's path. It has a mask (or \
 contours, a CSV of x,y,sigma_px,contour), and K R t or P. A view with held_out = true is used only for \
-validation.
+validation. `box = [[x, y, z], [x, y, z]]` states a box that contains the object: pixels of masks whose line \
+of sight misses it are background.
 
 A contour point is matched in the previous and the next view along epipolar planes. The circle that is \
 tangent to the three lines of sight gives its depth. Its normal needs only one view. Points that are \
@@ -52,8 +53,7 @@ pub struct ContoursArgs {
     /// Write the closed surface that agrees best with all masks (.ply, .glb, .obj, .stl)
     ///
     /// The visual hull loses every place that one mask shows as background by mistake. This surface restores
-    /// places where the other views show the object. In .ply, `sigma` includes the excess between views, and
-    /// `observed` is 1 near points of contours and 2 elsewhere.
+    /// places where the other views show the object. Both only bound the object, so `observed` is 2 in .ply.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     surface: Option<PathBuf>,
     /// Compare the outlines of this mesh, and of the hull, with each mask
@@ -161,11 +161,10 @@ fn text(done: &OccludingReport) -> String {
     ]);
     if let Some(surface) = &done.surface {
         lines.gap();
-        lines.facts([
-            ("surface", format!("{} facets in {} parts", count(surface.triangles), count(surface.parts))),
-            ("σ of the surface", sigma_quantiles(surface.sigma, unit)),
-            ("near contours", percent(surface.observed_share)),
-        ]);
+        lines.facts([(
+            "surface",
+            format!("{} facets in {} parts", count(surface.triangles), count(surface.parts)),
+        )]);
     }
     if !done.patches.is_empty() {
         lines.gap();

@@ -12,6 +12,7 @@
 
 use super::{Contour, ContourView, OccludingPoint};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::matrix3::{inverse, times};
 use planish_core::vector3::as_arrays;
 use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
@@ -21,6 +22,8 @@ use std::num::NonZeroUsize;
 
 /// Number of nearest contour points that are tested for each facet.
 const NEAREST_POINTS: usize = 16;
+/// Number of cells along a side of the cube in which the object is sought.
+const BOUNDS_CELLS: usize = 64;
 /// Upper limit of stored distances from a border, in pixels.
 const FAR_PX: f64 = 1e4;
 
@@ -104,6 +107,51 @@ impl SilhouetteBound {
             .filter(|(_, number)| !views.contains(number))
             .map(|(view, _)| view.at(at))
             .fold(self.depth_in_limits(at), f64::min)
+    }
+
+    /// A box around the places that at most a third of the views show as background; `None` if it cannot be
+    /// found, for example for parallel lines of sight.
+    #[must_use]
+    pub fn bounds(&self) -> Option<BoundingBox> {
+        // The place nearest to the central lines of sight of all silhouettes.
+        let (mut sum, mut right) = ([[0.0; 3]; 3], DVec3::ZERO);
+        for view in &self.views {
+            let direction = view.camera.direction(view.middle())?.try_normalize()?;
+            let center = view.camera.center();
+            // The part of an offset across the line of sight.
+            right += center - direction.dot(center) * direction;
+            for i in 0..3 {
+                for j in 0..3 {
+                    sum[i][j] += if i == j { 1.0 } else { 0.0 } - direction[i] * direction[j];
+                }
+            }
+        }
+        let middle = times(&inverse(&sum)?, right);
+        if !middle.is_finite() {
+            return None;
+        }
+        let radius =
+            |view: &Distances| 0.5 * (view.columns as f64).hypot(view.rows as f64) * view.pixel_width(middle);
+        // An object that is not in the middle of its silhouettes may reach farther than one of them.
+        let half = 1.5 * self.views.iter().map(radius).fold(0.0, f64::max);
+        let step = 2.0 * half / BOUNDS_CELLS as f64;
+        let allowed = self.views.len() / 3;
+        let places: Vec<DVec3> = (0..(BOUNDS_CELLS + 1).pow(3))
+            .into_par_iter()
+            .map(|k| {
+                let n = BOUNDS_CELLS + 1;
+                middle + step * DVec3::from([k % n, k / n % n, k / (n * n)].map(|i| i as f64)) - half
+            })
+            // A cell counts if its ball may be inside, so that thin parts are not lost.
+            .filter(|at| self.views.iter().filter(|view| view.at(*at) < -step).count() <= allowed)
+            .collect();
+        let found = BoundingBox::from_points(&places)?.grown(step);
+        Some(match self.limits {
+            Some(limits) => {
+                BoundingBox { min: found.min.max(limits.min - step), max: found.max.min(limits.max + step) }
+            }
+            None => found,
+        })
     }
 
     /// Number of views with closed silhouettes.
@@ -281,6 +329,11 @@ impl Distances {
             }));
         }
         Self { camera: view.camera, first, columns, rows, values }
+    }
+
+    /// The middle of the raster.
+    fn middle(&self) -> [f64; 2] {
+        [self.first[0] + 0.5 * self.columns as f64, self.first[1] + 0.5 * self.rows as f64]
     }
 
     fn pixel_width(&self, place: DVec3) -> f64 {
