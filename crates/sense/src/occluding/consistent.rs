@@ -14,8 +14,8 @@
 //! Places are the corners of a grid. Each round restores those that gain most, then gains are computed again.
 //! Restored places are bounded by the silhouettes that do not contradict them, with subpixel accuracy.
 //!
-//! Not guaranteed: the optimum is local. A place is restored only if at least two other masks show the object there
-//! and nothing else covers it; on a convex body most places fail this test and stay lost. Errors at the same place in many views are not found. As for the
+//! Not guaranteed: the optimum is local. A place is restored only if at least two other masks show the
+//! object there and nothing else covers it; on a convex body most places stay lost. Errors at the same place in many views are not found. As for the
 //! visual hull, hollows that no silhouette shows are filled.
 
 use super::hull::SilhouetteBound;
