@@ -253,6 +253,10 @@ codes! {
     StripWithoutMesh = "strip-without-mesh", Warning: "A strip of occluding contours has no triangles.",
     StripWithoutSpline = "strip-without-spline", Warning:
         "No surface could be fitted to a strip of occluding contours.",
+    HullBetter = "hull-better", Warning:
+        "The visual hull alone agrees better with held-out views than the surface.",
+    MasksContradictory = "masks-contradictory", Warning:
+        "Masks show background where other views show the object, or the reverse.",
     // shell
     MaterialsMissing = "materials-missing", Warning: "A material file is missing.",
     TextureIgnored = "texture-ignored", Warning: "Only one of several textures is used.",

@@ -8,6 +8,8 @@
 //! unit = "mm"                     # unit of all lengths (optional)
 //! mask_threshold = 40             # the object is brighter (default: middle of the range of the mask)
 //! mask_least_share = 0.01       # removes specks and holes below this share of the pixels of the object
+//! box = [[-60, -60, 0], [60, 60, 90]] # two corners of a box that contains the object: pixels of masks whose
+//!                                 # line of sight misses it are background (optional)
 //! sigma_px = 0.5                  # σ of the border of a mask, across it (default 0.5)
 //! sigma_rotation_deg = 1.0        # σ of the pose about and along each axis (default: exact)
 //! sigma_translation = 5.0
@@ -35,9 +37,11 @@
 
 use crate::Unit;
 use crate::calibration::table;
+use crate::picture::read_brightness;
 use crate::source::{parse_number, read_file, read_text, shown};
-use planish_core::DVec3;
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
+use planish_sense::Image;
 use planish_shell::{Camera, PoseNoise};
 use serde::Deserialize;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -72,10 +76,48 @@ pub struct ViewFile {
     pub mask_threshold: Option<f64>,
     /// Maximum size of removed specks and holes, as a share of the pixels of the object.
     pub mask_min_share: Option<f64>,
+    /// A box that contains the object. Pixels whose line of sight misses it are background.
+    pub object_box: Option<BoundingBox>,
     /// σ of the border of the mask, in pixels.
     pub sigma_px: f64,
     /// True if the view is used only to check the fit.
     pub held_out: bool,
+}
+
+impl ViewFile {
+    /// Reads the mask, if there is one. Pixels whose line of sight misses the box of the object get the
+    /// minimum value.
+    ///
+    /// # Errors
+    /// As [`read_brightness`].
+    pub fn read_mask(&self) -> Result<Option<Image>> {
+        let Some(path) = &self.mask else { return Ok(None) };
+        let mut picture = read_brightness(path)?;
+        if let Some(bounds) = &self.object_box {
+            let lowest = picture.values.iter().copied().fold(f32::INFINITY, f32::min);
+            let center = self.camera.center();
+            for (k, value) in picture.values.iter_mut().enumerate() {
+                let pixel = [k % picture.columns, k / picture.columns].map(|x| x as f64);
+                if !meets_box(center, self.camera.direction(pixel), bounds) {
+                    *value = lowest;
+                }
+            }
+        }
+        Ok(Some(picture))
+    }
+}
+
+/// True if a ray meets a box: the intervals within its three slabs overlap (T. Kay, J. Kajiya, *Ray tracing
+/// complex scenes*, SIGGRAPH 1986).
+fn meets_box(from: DVec3, direction: DVec3, bounds: &BoundingBox) -> bool {
+    let (mut near, mut far) = (0.0_f64, f64::INFINITY);
+    for k in 0..3 {
+        let ends = [bounds.min[k], bounds.max[k]].map(|x| (x - from[k]) / direction[k]);
+        // A ray within the plane of a side gives NaN, which `min` and `max` ignore.
+        near = near.max(ends[0].min(ends[1]));
+        far = far.min(ends[0].max(ends[1]));
+    }
+    near <= far
 }
 
 /// A feature that is visible in several views: index of the view, pixel and σ.
@@ -101,6 +143,8 @@ struct Table {
     mask_threshold: Option<f64>,
     #[serde(rename = "mask_least_share")]
     mask_min_share: Option<f64>,
+    #[serde(rename = "box")]
+    object_box: Option<[[f64; 3]; 2]>,
     sigma_px: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     sigma_translation: Option<f64>,
@@ -157,13 +201,14 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     let t: Table = table(
         text,
         "expected [[view]] with K, R and t, or P, and optionally name, image, mask, contours and held_out; \
-         mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, sigma_translation, tracks and unit \
-         are optional",
+         mask_threshold, mask_least_share, box, sigma_px, sigma_rotation_deg, sigma_translation, tracks and \
+         unit are optional",
     )?;
     // Before the files of contours are read.
     if t.view.len() > MAX_VIEWS {
         return Err(Error::input(format!("expected at most {MAX_VIEWS} views, found {}", t.view.len())));
     }
+    let object_box = t.object_box.map(box_of).transpose()?;
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();
     let mut names: HashSet<String> = HashSet::new();
@@ -231,6 +276,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             contour_starts,
             mask_threshold: view.mask_threshold.or(t.mask_threshold),
             mask_min_share: view.mask_min_share.or(t.mask_min_share),
+            object_box,
             sigma_px,
             held_out: view.held_out,
         });
@@ -243,6 +289,18 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
         files.push(file);
     }
     Ok(Views { views, tracks, unit: t.unit.map(|name| name.parse()).transpose()?, files })
+}
+
+/// A box from two of its corners.
+fn box_of(corners: [[f64; 3]; 2]) -> Result<BoundingBox> {
+    let bounds: BoundingBox = corners.into_iter().map(DVec3::from).collect();
+    let sides = bounds.max - bounds.min;
+    match sides.is_finite() && sides.min_element() > 0.0 {
+        true => Ok(bounds),
+        false => Err(Error::input(format!(
+            "expected opposite corners of a box with finite sides above 0, found {corners:?}"
+        ))),
+    }
 }
 
 /// Reads a CSV file with a header: for each line its number and the words of the named columns, `None` for a

@@ -10,11 +10,16 @@
 //!
 //! Not guaranteed: errors of camera poses are not modelled.
 
+mod agreement;
 mod patch;
+mod surface;
 
 use planish_core::finding::with_warnings;
-use planish_core::{DVec3, Finding, FindingCode, Setting};
+use planish_core::{Finding, FindingCode, Setting};
 pub use planish_sense::occluding::OccludingOptions;
+
+pub use agreement::OutlineAgreement;
+pub use surface::{ConsistentSurfaceReport, MaskContradiction};
 
 use crate::job::Job;
 use crate::output::{OutputFormat, WrittenFile, as_text, plan_outputs, refuse_input_as_output};
@@ -22,16 +27,15 @@ use crate::sense::SigmaSummary;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
-use planish_exchange::picture::read_brightness;
 use planish_exchange::ply::write_scan;
 use planish_exchange::views::{ViewFile, read_views};
 use planish_exchange::{Unit, extension};
 use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_sense::SilhouetteOptions;
 use planish_sense::occluding::{
-    Contour, ContourView, OccludingContours, OccludingPoint, VisualHull, occluding_contours, outlines,
+    Contour, ContourView, OccludingContours, OccludingPoint, SilhouetteBound, VisualHull, occluding_contours,
+    outlines,
 };
-use planish_sense::{SilhouetteOptions, silhouette};
-use planish_shell::intersection_over_union;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -60,6 +64,8 @@ pub struct OccludingJob {
     pub min_points: usize,
     /// File of the visual hull.
     pub hull: Option<PathBuf>,
+    /// File of the surface that agrees best with all masks.
+    pub surface: Option<PathBuf>,
     /// A mesh whose outlines are compared with all masks.
     pub judged: Option<PathBuf>,
     /// How contours are read.
@@ -78,6 +84,7 @@ impl Default for OccludingJob {
             patches: Vec::new(),
             min_points: 200,
             hull: None,
+            surface: None,
             judged: None,
             options: OccludingOptions::default(),
             unit: None,
@@ -102,21 +109,6 @@ pub struct ContourPatch {
     /// Fraction of skipped places along its contours, between the first and the last in each view.
     #[serde(rename = "left_out_share")]
     pub missing_share: f64,
-}
-
-/// Overlap of surfaces with a mask: intersection over union of their pixels.
-#[derive(Debug, Clone, Serialize)]
-pub struct OutlineAgreement {
-    /// The view.
-    pub view: String,
-    /// Whether it was held out.
-    pub held_out: bool,
-    /// Of the visual hull.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub hull: Option<f64>,
-    /// Of the judged mesh.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub judged: Option<f64>,
 }
 
 /// The figures of a job.
@@ -152,7 +144,10 @@ pub struct OccludingReport {
     pub unseen_share: Option<f64>,
     /// Patches, of the largest strip first.
     pub patches: Vec<ContourPatch>,
-    /// Overlap of the hull and of the judged mesh with the masks.
+    /// The surface that agrees best with all masks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface: Option<ConsistentSurfaceReport>,
+    /// Overlap of the meshes with the masks.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iou: Vec<OutlineAgreement>,
     /// Unit of every length.
@@ -179,13 +174,6 @@ fn as_texts<S: serde::Serializer>(paths: &[PathBuf], serializer: S) -> std::resu
     serializer.collect_seq(paths.iter().map(|p| Text(p)))
 }
 
-/// A mask as pixels.
-struct Mask {
-    covered: Vec<bool>,
-    columns: usize,
-    rows: usize,
-}
-
 impl Job for OccludingJob {
     type Report = OccludingReport;
 
@@ -203,15 +191,18 @@ impl Job for OccludingJob {
             .with_setting(Setting::Patch));
         }
         plan_outputs(&self.patches)?;
-        if let Some(path) = &self.hull
-            && !OutputFormat::from_path(path)?.is_mesh()
-        {
-            return Err(Error::unsupported(format!(
-                "{}: expected the format of a mesh for the visual hull",
-                path.display()
-            )));
+        for (path, name) in [(&self.hull, "the visual hull"), (&self.surface, "the surface")] {
+            if let Some(path) = path
+                && !OutputFormat::from_path(path)?.is_mesh()
+            {
+                return Err(Error::unsupported(format!(
+                    "{}: expected the format of a mesh for {name}",
+                    path.display()
+                )));
+            }
         }
-        Ok(self.outputs.iter().chain(&self.patches).chain(&self.hull).cloned().collect())
+        let meshes = self.hull.iter().chain(&self.surface);
+        Ok(self.outputs.iter().chain(&self.patches).chain(meshes).cloned().collect())
     }
 
     fn execute(&self, progress: &dyn Progress) -> Result<OccludingReport> {
@@ -230,7 +221,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     inputs.extend(file.views.iter().filter_map(|v| v.mask.clone()));
     inputs.extend(job.judged.clone());
     // The list of views names masks that the job does not know, so outputs are compared again.
-    for output in job.outputs.iter().chain(&job.hull) {
+    for output in job.outputs.iter().chain(&job.hull).chain(&job.surface) {
         refuse_input_as_output(output, &inputs)?;
     }
     let unit = file.unit.or(job.unit);
@@ -260,9 +251,24 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
             .map_err(|e| e.in_context(job.views.display()))?;
     progress.check("visual hull", 0.4)?;
     // The hull is always made if possible: it also shows how much of the surface has no contour.
-    let hull = hull_of(&views, &found)?;
+    let object_box = file.views.first().and_then(|view| view.object_box);
+    let hull = hull_of(&views, &found, object_box)?;
+    let surface = match &job.surface {
+        Some(path) => {
+            progress.check("surface", 0.45)?;
+            Some(surface::consistent_surface(path, &views, object_box)?)
+        }
+        None => None,
+    };
     // With all views of the file, held-out ones included.
-    let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
+    let meshes = agreement::Compared {
+        hull: hull.as_ref().map(|hull| &hull.mesh),
+        surface: surface.as_ref().map(|surface| &surface.mesh),
+        judged: judged.as_ref(),
+    };
+    let iou = agreement::agreements(&file.views, &meshes)?;
+    findings.extend(agreement::hull_findings(&iou));
+    findings.extend(surface.iter().flat_map(|surface| surface.findings.clone()));
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = ProgressPart::new(progress, 0.5, 0.9);
     // Patches may fail. They are made before the first file is written.
@@ -286,6 +292,10 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         }
         (None, _) => {}
     }
+    if let (Some(path), Some(surface)) = (&job.surface, &surface) {
+        surface.write(path, unit)?;
+        written.push(path.clone());
+    }
     let patches = patch::written(job, patches, unit, &inputs)?;
     progress.advance("done", 1.0);
     Ok(OccludingReport {
@@ -303,6 +313,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         rejected: found.rejected,
         unseen_share,
         patches,
+        surface: surface.map(|surface| surface.report),
         iou,
         unit,
         inputs,
@@ -328,11 +339,11 @@ fn mask_options(view: &ViewFile) -> SilhouetteOptions {
 /// Contours of a view in a file.
 pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     let options = mask_options(view);
-    let outline = match &view.mask {
-        Some(path) => {
-            outlines(&read_brightness(path)?, &options).map_err(|e| e.in_context(path.display()))?
+    let outline = match (&view.mask, view.read_mask()?) {
+        (Some(path), Some(picture)) => {
+            outlines(&picture, &options).map_err(|e| e.in_context(path.display()))?
         }
-        None => Vec::new(),
+        _ => Vec::new(),
     };
     let camera = view.camera.pinhole;
     let measured = !view.contours.is_empty();
@@ -369,48 +380,29 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
         .collect()
 }
 
+/// A box around the points, with a margin.
+fn box_of(found: &OccludingContours) -> Option<BoundingBox> {
+    let bounds = BoundingBox::around(found.points.iter().map(|p| p.position))?;
+    Some(bounds.grown(HULL_MARGIN * bounds.diagonal()))
+}
+
 /// The hull of all silhouettes, if known.
-fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<VisualHull>> {
+fn hull_of(
+    views: &[ContourView],
+    found: &OccludingContours,
+    limits: Option<BoundingBox>,
+) -> Result<Option<VisualHull>> {
     let closed =
         // An open silhouette leaves the picture, and the hull would be cut at its edge.
         |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);
     if views.iter().filter(closed).count() < 2 {
         return Ok(None);
     }
-    let places: Vec<DVec3> = found.points.iter().map(|p| p.position).collect();
     // Without any point, nothing shows where in space the hull should be sought.
-    let Some(bounds) = BoundingBox::from_points(&places) else {
+    let Some(bounds) = box_of(found) else {
         return Ok(None);
     };
-    VisualHull::new(views, &bounds.grown(HULL_MARGIN * bounds.diagonal()), HULL_CELLS).map(Some)
-}
-
-fn agreements(
-    views: &[ViewFile],
-    hull: Option<&VisualHull>,
-    judged: Option<&TriangleMesh>,
-) -> Result<Vec<OutlineAgreement>> {
-    // A hull agrees with the masks that it was made from. Without a held-out view, the figure shows nothing.
-    if !views.iter().any(|v| v.held_out) && judged.is_none() {
-        return Ok(Vec::new());
-    }
-    (views.par_iter())
-        .filter_map(|view| Some((view, view.mask.as_ref()?)))
-        .map(|(view, path)| {
-            let picture = read_brightness(path)?;
-            let read = silhouette(&picture, &mask_options(view)).map_err(|e| e.in_context(path.display()))?;
-            let mask = Mask { covered: read.mask, columns: read.columns, rows: read.rows };
-            let agreement = |mesh: &TriangleMesh| {
-                intersection_over_union(mesh, &view.camera, &mask.covered, mask.columns, mask.rows)
-            };
-            Ok(OutlineAgreement {
-                view: view.name.clone(),
-                held_out: view.held_out,
-                hull: hull.map(|hull| agreement(&hull.mesh)),
-                judged: judged.map(agreement),
-            })
-        })
-        .collect()
+    VisualHull::of(SilhouetteBound::new(views)?.within(limits), &bounds, HULL_CELLS).map(Some)
 }
 
 fn read_judged(path: &Path) -> Result<TriangleMesh> {

@@ -12,6 +12,7 @@
 //! | joining | consistency between views, the model error of the circle, strips |
 //! | organised | a mesh of each strip with regularised depths |
 //! | hull | the visual hull, and the part of its surface that no contour saw |
+//! | consistent | the region that agrees best with silhouettes, some of which are wrong |
 //!
 //! The occluding contour of a smooth surface slides over it as the camera moves. Its points in consecutive
 //! views are matched along epipolar planes. The lines of sight of a point and of its two matches touch the
@@ -32,6 +33,7 @@
 //! frontier points.
 
 mod circle;
+mod consistent;
 mod curve;
 mod hull;
 mod joining;
@@ -42,7 +44,8 @@ mod outline;
 #[cfg(test)]
 mod tests;
 
-pub use hull::{SilhouetteBound, VisualHull};
+pub use consistent::ConsistentRegion;
+pub use hull::{SilhouetteBound, VisualHull, near_contours};
 pub use outline::{Contour, outlines};
 
 use crate::Scan;

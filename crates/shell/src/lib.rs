@@ -75,5 +75,5 @@ pub use fit::{
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
 pub use overlap::{covered_pixels, intersection_over_union, projected_vertices};
-pub use remeshing::{Region, RemeshOptions, remesh, smooth_vertex_values};
+pub use remeshing::{Region, RemeshOptions, large_parts, remesh, smooth_vertex_values};
 pub use rigidity::Rigidity;

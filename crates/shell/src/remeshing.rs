@@ -190,7 +190,8 @@ fn towards_neighbours(positions: &[DVec3], neighbours: &[Vec<u32>], share: f64) 
 
 /// The connected parts of a closed mesh whose volume is at least a share of the largest one's. Unused
 /// vertices are removed.
-fn large_parts(mesh: &TriangleMesh, min_ratio: f64) -> TriangleMesh {
+#[must_use]
+pub fn large_parts(mesh: &TriangleMesh, min_ratio: f64) -> TriangleMesh {
     // Intersecting constraint surfaces cut off small fragments.
     let part_of = mesh.parts();
     let count = part_of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);

@@ -19,7 +19,8 @@ Examples:
 
 views.toml has a table [[view]] for each view, in the order of the camera's path. It has a mask (or \
 contours, a CSV of x,y,sigma_px,contour), and K R t or P. A view with held_out = true is used only for \
-validation.
+validation. `box = [[x, y, z], [x, y, z]]` states a box that contains the object: pixels of masks whose line \
+of sight misses it are background.
 
 A contour point is matched in the previous and the next view along epipolar planes. The circle that is \
 tangent to the three lines of sight gives its depth. Its normal needs only one view. Points that are \
@@ -49,6 +50,12 @@ pub struct ContoursArgs {
     /// Write the visual hull of the masks (.ply, .glb, .obj, .stl)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     hull: Option<PathBuf>,
+    /// Write the closed surface that agrees best with all masks (.ply, .glb, .obj, .stl)
+    ///
+    /// The visual hull loses every place that one mask shows as background by mistake. This surface restores
+    /// places where the other views show the object. Both only bound the object, so `observed` is 2 in .ply.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    surface: Option<PathBuf>,
     /// Compare the outlines of this mesh, and of the hull, with each mask
     #[arg(long, value_name = "MESH", value_hint = ValueHint::FilePath)]
     judge: Option<PathBuf>,
@@ -89,6 +96,7 @@ fn work(args: &ContoursArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         patches: args.patch.clone(),
         min_points: args.min_points,
         hull: args.hull.clone(),
+        surface: args.surface.clone(),
         judged: args.judge.clone(),
         options: OccludingOptions {
             // Options that are not on the command line keep the defaults of the library.
@@ -151,6 +159,13 @@ fn text(done: &OccludingReport) -> String {
             }),
         ),
     ]);
+    if let Some(surface) = &done.surface {
+        lines.gap();
+        lines.facts([(
+            "surface",
+            format!("{} facets in {} parts", count(surface.triangles), count(surface.parts)),
+        )]);
+    }
     if !done.patches.is_empty() {
         lines.gap();
         patches(&mut lines, done, unit);
@@ -202,7 +217,7 @@ fn overlaps(lines: &mut Lines, done: &OccludingReport) {
         .map(|row| {
             // Only held-out views judge independently: the others have shaped the hull.
             let held = if row.held_out { "held out" } else { "" };
-            vec![row.view.clone(), held.to_owned(), share(row.hull), share(row.judged)]
+            vec![row.view.clone(), held.to_owned(), share(row.hull), share(row.surface), share(row.judged)]
         })
         .collect();
     lines.table(
@@ -210,7 +225,8 @@ fn overlaps(lines: &mut Lines, done: &OccludingReport) {
             ("view", Align::Left),
             ("", Align::Left),
             ("IoU of the hull", Align::Right),
-            ("IoU of the mesh", Align::Right),
+            ("of the surface", Align::Right),
+            ("of the mesh", Align::Right),
         ],
         &rows,
     );

@@ -34,6 +34,7 @@ views.toml has a table [[view]] for each view:
 Keys of one view or of all views:
   mask_threshold, sigma_px
   mask_least_share   specks and holes below this share are filled
+  box                two corners of a box that contains the object; for all views only
   sigma_rotation_deg, sigma_translation
                      the pose of the view is estimated, too
   tracks             CSV (track,view,x,y) of features tracked over views; for all views only

@@ -23,6 +23,7 @@ fn points_of_the_scene_lie_on_the_object() {
             patches: Vec::new(),
             min_points: 200,
             hull: None,
+            surface: None,
             judged: None,
             options: OccludingOptions::default(),
             unit: None,

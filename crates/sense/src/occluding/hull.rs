@@ -12,6 +12,7 @@
 
 use super::{Contour, ContourView, OccludingPoint};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::matrix3::{inverse, times};
 use planish_core::vector3::as_arrays;
 use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
@@ -21,12 +22,15 @@ use std::num::NonZeroUsize;
 
 /// Number of nearest contour points that are tested for each facet.
 const NEAREST_POINTS: usize = 16;
+/// Number of cells along a side of the cube in which the object is sought.
+const BOUNDS_CELLS: usize = 64;
 /// Upper limit of stored distances from a border, in pixels.
 const FAR_PX: f64 = 1e4;
 
 /// Depth of points inside all silhouettes, without a mesh of the hull.
 pub struct SilhouetteBound {
     views: Vec<Distances>,
+    limits: Option<BoundingBox>,
 }
 
 /// The visual hull with its surface mesh.
@@ -63,14 +67,27 @@ impl SilhouetteBound {
                 views.len()
             )));
         }
-        Ok(Self { views })
+        Ok(Self { views, limits: None })
+    }
+
+    /// Limits the region to a box that contains the object.
+    #[must_use]
+    pub fn within(self, limits: Option<BoundingBox>) -> Self {
+        Self { limits, ..self }
+    }
+
+    /// Distance of a point from the nearest side of the box, positive inside; infinite without a box.
+    pub(super) fn depth_in_limits(&self, at: DVec3) -> f64 {
+        self.limits.map_or(f64::INFINITY, |limits| {
+            (at - limits.min).min_element().min((limits.max - at).min_element())
+        })
     }
 
     /// The minimum signed distance from a border over all views, converted to the unit of space at the
     /// point's distance; positive inside all silhouettes.
     #[must_use]
     pub fn depth(&self, at: DVec3) -> f64 {
-        (self.views.iter().map(|view| view.at(at))).fold(f64::INFINITY, f64::min)
+        (self.views.iter().map(|view| view.at(at))).fold(self.depth_in_limits(at), f64::min)
     }
 
     /// The depth of a point without the view of minimum depth. The difference to [`Self::depth`] shows how
@@ -84,12 +101,100 @@ impl SilhouetteBound {
         second
     }
 
+    /// The depth of a point without some views.
+    pub(super) fn depth_except(&self, at: DVec3, views: &[u16]) -> f64 {
+        (self.views.iter().zip(0..))
+            .filter(|(_, number)| !views.contains(number))
+            .map(|(view, _)| view.at(at))
+            .fold(self.depth_in_limits(at), f64::min)
+    }
+
+    /// A box around the places that at most a third of the views show as background; `None` if it cannot be
+    /// found, for example for parallel lines of sight.
+    #[must_use]
+    pub fn bounds(&self) -> Option<BoundingBox> {
+        // The place nearest to the central lines of sight of all silhouettes.
+        let (mut sum, mut right) = ([[0.0; 3]; 3], DVec3::ZERO);
+        for view in &self.views {
+            let direction = view.camera.direction(view.middle())?.try_normalize()?;
+            let center = view.camera.center();
+            // The part of an offset across the line of sight.
+            right += center - direction.dot(center) * direction;
+            for i in 0..3 {
+                for j in 0..3 {
+                    sum[i][j] += if i == j { 1.0 } else { 0.0 } - direction[i] * direction[j];
+                }
+            }
+        }
+        let middle = times(&inverse(&sum)?, right);
+        if !middle.is_finite() {
+            return None;
+        }
+        let radius =
+            |view: &Distances| 0.5 * (view.columns as f64).hypot(view.rows as f64) * view.pixel_width(middle);
+        // An object that is not in the middle of its silhouettes may reach farther than one of them.
+        let half = 1.5 * self.views.iter().map(radius).fold(0.0, f64::max);
+        let step = 2.0 * half / BOUNDS_CELLS as f64;
+        let allowed = self.views.len() / 3;
+        let places: Vec<DVec3> = (0..(BOUNDS_CELLS + 1).pow(3))
+            .into_par_iter()
+            .map(|k| {
+                let n = BOUNDS_CELLS + 1;
+                middle + step * DVec3::from([k % n, k / n % n, k / (n * n)].map(|i| i as f64)) - half
+            })
+            // A cell counts if its ball may be inside, so that thin parts are not lost.
+            .filter(|at| self.views.iter().filter(|view| view.at(*at) < -step).count() <= allowed)
+            .collect();
+        let found = BoundingBox::from_points(&places)?.grown(step);
+        Some(match self.limits {
+            Some(limits) => {
+                BoundingBox { min: found.min.max(limits.min - step), max: found.max.min(limits.max + step) }
+            }
+            None => found,
+        })
+    }
+
+    /// Number of views with closed silhouettes.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Signed distances from the border of a view's silhouette, row by row, and their number in a row.
+    pub(super) fn signed_distances(&self, view: usize) -> (&[f32], usize) {
+        (&self.views[view].values, self.views[view].columns)
+    }
+
+    /// The width of a pixel at a point.
+    #[must_use]
+    pub fn pixel_width(&self, view: usize, at: DVec3) -> f64 {
+        self.views[view].pixel_width(at)
+    }
+
+    /// True if a view shows a point inside its silhouette.
+    pub(super) fn is_inside(&self, view: usize, at: DVec3) -> bool {
+        self.views[view].at(at) > 0.0
+    }
+
+    /// Column and row of a point in the raster of a view; `None` outside of it.
+    pub(super) fn raster_pixel(&self, view: usize, at: DVec3) -> Option<[usize; 2]> {
+        let view = &self.views[view];
+        let pixel = view.camera.project(at)?;
+        let place = [0, 1].map(|k| (pixel[k] - view.first[k]).round());
+        let counts = [view.columns, view.rows];
+        (0..2).all(|k| place[k] >= 0.0 && place[k] < counts[k] as f64).then(|| place.map(|x| x as usize))
+    }
+
     /// True if the depth may be zero within `reach` of a point. It may return true too often, but never false
     /// wrongly.
     #[must_use]
     pub fn may_contain_boundary(&self, at: DVec3, reach: f64) -> bool {
         // Signed distances are 1-Lipschitz in the image, so the projection of the ball bounds their change.
-        let mut on_border = false;
+        let in_limits = self.depth_in_limits(at);
+        if in_limits < -reach {
+            return false;
+        }
+        let mut on_border = in_limits < reach;
         for view in &self.views {
             let far = view.camera.center().distance(at);
             if far <= 1.5 * reach {
@@ -116,7 +221,14 @@ impl VisualHull {
     /// `Undetermined` if fewer than two views have closed silhouettes, or no part of the box is inside all of
     /// them; as [`isosurface`].
     pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
-        let bound = SilhouetteBound::new(views)?;
+        Self::of(SilhouetteBound::new(views)?, bounds, cells)
+    }
+
+    /// As [`Self::new`], from prepared silhouettes.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of(bound: SilhouetteBound, bounds: &BoundingBox, cells: usize) -> Result<Self> {
         let longest = bounds.longest_side();
         let cell = longest / cells.max(1) as f64;
         let mesh = isosurface(
@@ -141,30 +253,37 @@ impl VisualHull {
     /// to its neighbours, or within two cells.
     #[must_use]
     pub fn unseen_share(&self, points: &[OccludingPoint]) -> f64 {
-        let places: Vec<DVec3> = points.iter().map(|p| p.position).collect();
-        let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(as_arrays(&places)) else {
-            return 1.0;
-        };
-        let areas: Vec<(f64, bool)> = (0..self.mesh.triangles.len())
-            .into_par_iter()
-            .map(|t| {
-                let [a, b, c] = self.mesh.corners(t);
-                let area = 0.5 * (b - a).cross(c - a).length();
-                let middle = (a + b + c) / 3.0;
-                // The nearest point may have a small reach although a farther one covers the facet.
-                let asked = NonZeroUsize::MIN.saturating_add(NEAREST_POINTS - 1);
-                let near = tree.query(middle.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
-                let seen = near.iter().any(|near| {
-                    let p = &points[near.item as usize];
-                    p.position.distance(middle) <= p.reach.max(2.0 * self.cell)
-                });
-                (area, seen)
-            })
+        let facets: Vec<[DVec3; 3]> = (0..self.mesh.triangles.len()).map(|t| self.mesh.corners(t)).collect();
+        let middles: Vec<DVec3> = facets.iter().map(|[a, b, c]| (a + b + c) / 3.0).collect();
+        let seen = near_contours(points, &middles, 2.0 * self.cell);
+        let areas: Vec<(f64, bool)> = (facets.iter().zip(seen))
+            .map(|([a, b, c], seen)| (0.5 * (b - a).cross(c - a).length(), seen))
             .collect();
         let all: f64 = areas.iter().map(|(a, _)| a).sum();
         let unseen: f64 = areas.iter().filter(|(_, seen)| !seen).map(|(a, _)| a).sum();
         unseen / all
     }
+}
+
+/// For each place, true if a contour point is nearby: within that point's distance to its neighbours, or
+/// within `distance`.
+#[must_use]
+pub fn near_contours(points: &[OccludingPoint], places: &[DVec3], distance: f64) -> Vec<bool> {
+    let positions: Vec<DVec3> = points.iter().map(|p| p.position).collect();
+    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(as_arrays(&positions)) else {
+        return vec![false; places.len()];
+    };
+    (places.par_iter())
+        .map(|at| {
+            // The nearest point may have a small reach although a farther one covers the place.
+            let asked = NonZeroUsize::MIN.saturating_add(NEAREST_POINTS - 1);
+            let near = tree.query(at.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
+            near.iter().any(|near| {
+                let p = &points[near.item as usize];
+                p.position.distance(*at) <= p.reach.max(distance)
+            })
+        })
+        .collect()
 }
 
 impl Distances {
@@ -212,9 +331,18 @@ impl Distances {
         Self { camera: view.camera, first, columns, rows, values }
     }
 
+    /// The middle of the raster.
+    fn middle(&self) -> [f64; 2] {
+        [self.first[0] + 0.5 * self.columns as f64, self.first[1] + 0.5 * self.rows as f64]
+    }
+
+    fn pixel_width(&self, place: DVec3) -> f64 {
+        self.camera.center().distance(place) / self.camera.focal_px()
+    }
+
     /// Signed distance to the border, converted to the unit of space at the distance of the point.
     fn at(&self, place: DVec3) -> f64 {
-        let width = self.camera.center().distance(place) / self.camera.focal_px();
+        let width = self.pixel_width(place);
         let Some(pixel) = self.camera.project(place) else {
             return -FAR_PX * width;
         };

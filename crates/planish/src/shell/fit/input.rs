@@ -6,7 +6,6 @@ use nalgebra::{DMatrix, DVector};
 use planish_core::{DVec3, Finding, FindingCode, Setting, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
-use planish_exchange::picture::read_brightness;
 use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::{ViewFile, Views, read_views};
 use planish_exchange::{Unit, paths_in, read_inputs};
@@ -429,7 +428,7 @@ pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Opti
         apart_px,
         ..SilhouetteOptions::default()
     };
-    let picture = read_brightness(path)?;
+    let Some(picture) = view.read_mask()? else { return Ok(None) };
     silhouette(&picture, &options).map(Some).map_err(|e| e.in_context(path.display()))
 }
 
