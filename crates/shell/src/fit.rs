@@ -31,6 +31,7 @@ mod dense;
 mod equations;
 mod folds;
 mod growth;
+mod interpolation;
 mod orientation;
 mod point_selection;
 mod priors;
@@ -38,6 +39,7 @@ mod problem;
 mod readings;
 mod residual_leverage;
 mod result;
+mod roundness;
 mod sequence;
 mod sheets;
 mod sight;
@@ -53,6 +55,7 @@ pub use readings::{
 };
 
 pub use growth::{ControlGrowth, ControlledDeformation, GrownFit, fit_with_growing_controls};
+pub use roundness::FacetRoundness;
 pub use sequence::smoothing::SmoothedMotion;
 pub use sequence::{FrameFit, ShellTracker};
 pub use support::{VertexResiduals, VertexSupport};
@@ -192,7 +195,8 @@ pub struct ShellFit {
     /// It is estimated from the correlation of neighbouring residuals. It belongs to the surface, so the
     /// covariance of the parameters does not include it.
     pub unresolved_shape: f64,
-    /// The same at each vertex; empty for fits without points.
+    /// The same at each vertex, at least the error of interpolation between controls; empty for fits without
+    /// points.
     pub unresolved_at: Vec<f64>,
     /// How points support each vertex; empty for fits without points.
     pub support: Vec<VertexSupport>,
@@ -201,6 +205,8 @@ pub struct ShellFit {
     /// Number of points that the fit rejected although they agree with their neighbours: surface that the
     /// mesh does not follow.
     pub unfollowed_points: usize,
+    /// How far the surface bulges over the facets; `None` for fits without points.
+    pub facet_roundness: Option<FacetRoundness>,
     /// Points.
     pub points: SourceFit,
     /// Outline points, one view after the other.
