@@ -242,20 +242,9 @@ impl ControlSampling {
                 "expected a mesh with faces and a count of at least one for the controls",
             ));
         }
-        let mut used = vec![false; mesh.positions.len()];
-        for &v in mesh.triangles.iter().flatten() {
-            used[v as usize] = true;
-        }
-        let in_use: Vec<usize> = (0..used.len()).filter(|v| used[*v]).collect();
+        let mut made = Self::without_controls(mesh);
+        let in_use: Vec<usize> = (0..made.distances.len()).filter(|v| made.distances[*v] > 0.0).collect();
         let first = in_use[skipped % in_use.len()];
-        let mut made = Self {
-            graph: EdgeGraph::new(mesh),
-            positions: mesh.positions.clone(),
-            triangles: mesh.triangles.clone(),
-            distances: used.iter().map(|used| if *used { f64::INFINITY } else { -1.0 }).collect(),
-            regions: vec![u32::MAX; mesh.positions.len()],
-            vertices: Vec::new(),
-        };
         made.add(first);
         while made.vertices.len() < count {
             let far = &made.distances;
@@ -268,6 +257,33 @@ impl ControlSampling {
             made.add(farthest);
         }
         Ok(made)
+    }
+
+    /// The sampling with the given vertices as controls.
+    pub(crate) fn of_vertices(mesh: &TriangleMesh, vertices: &[u32]) -> Self {
+        let mut made = Self::without_controls(mesh);
+        for v in vertices {
+            // A vertex that is listed twice, or that no triangle uses, has no region.
+            if made.distances[*v as usize] > 0.0 {
+                made.add(*v as usize);
+            }
+        }
+        made
+    }
+
+    fn without_controls(mesh: &TriangleMesh) -> Self {
+        let mut used = vec![false; mesh.positions.len()];
+        for &v in mesh.triangles.iter().flatten() {
+            used[v as usize] = true;
+        }
+        Self {
+            graph: EdgeGraph::new(mesh),
+            positions: mesh.positions.clone(),
+            triangles: mesh.triangles.clone(),
+            distances: used.iter().map(|used| if *used { f64::INFINITY } else { -1.0 }).collect(),
+            regions: vec![u32::MAX; mesh.positions.len()],
+            vertices: Vec::new(),
+        }
     }
 
     fn add(&mut self, vertex: usize) {

@@ -31,6 +31,7 @@ mod dense;
 mod equations;
 mod folds;
 mod growth;
+mod interpolation;
 mod orientation;
 mod point_selection;
 mod priors;
@@ -38,6 +39,7 @@ mod problem;
 mod readings;
 mod residual_leverage;
 mod result;
+mod roundness;
 mod sequence;
 mod sheets;
 mod sight;
@@ -54,6 +56,7 @@ pub use readings::{
 };
 
 pub use growth::{ControlGrowth, ControlledDeformation, GrownFit, fit_with_growing_controls};
+pub use roundness::FacetRoundness;
 pub use sequence::smoothing::SmoothedMotion;
 pub use sequence::{FrameFit, ShellTracker};
 pub use support::{VertexResiduals, VertexSupport};
@@ -193,7 +196,8 @@ pub struct ShellFit {
     /// It is estimated from the correlation of neighbouring residuals. It belongs to the surface, so the
     /// covariance of the parameters does not include it.
     pub unresolved_shape: f64,
-    /// The same at each vertex; empty for fits without points.
+    /// The same at each vertex, at least the error of interpolation between controls; empty for fits without
+    /// points.
     pub unresolved_at: Vec<f64>,
     /// How points support each vertex; empty for fits without points.
     pub support: Vec<VertexSupport>,
@@ -205,6 +209,8 @@ pub struct ShellFit {
     /// Share of the mesh's area that is stretched in one direction more than twice as much as in the other,
     /// relative to the mesh at rest or in the pose that was found for its parts.
     pub strained_share: f64,
+    /// How far the surface bulges over the facets; `None` for fits without points.
+    pub facet_roundness: Option<FacetRoundness>,
     /// Points.
     pub points: SourceFit,
     /// Outline points, one view after the other.

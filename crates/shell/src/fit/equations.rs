@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 use planish_estimate::Loss;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// A vertex, and the derivative by its position.
 pub(super) type ByVertex = (u32, DVec3);
@@ -94,8 +95,9 @@ impl Equation {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Equations {
     pub list: Vec<Equation>,
-    by_vertices: Vec<(u32, DVec3)>,
-    by_poses: Vec<(u32, [f64; 6])>,
+    // Shared, so that copies with other residuals need little memory.
+    by_vertices: Arc<Vec<ByVertex>>,
+    by_poses: Arc<Vec<ByPose>>,
 }
 
 impl Equations {
@@ -110,16 +112,19 @@ impl Equations {
     ) {
         // The sort is stable, so that sums have a fixed order.
         vertices.sort_by_key(|(vertex, _)| *vertex);
-        let start = self.by_vertices.len();
+        let by_vertices = Arc::make_mut(&mut self.by_vertices);
+        let start = by_vertices.len();
         for (vertex, by) in vertices.drain(..) {
-            match self.by_vertices[start..].last_mut() {
+            match by_vertices[start..].last_mut() {
                 Some((last, sum)) if *last == vertex => {
                     *sum += by;
                 }
-                _ => self.by_vertices.push((vertex, by)),
+                _ => by_vertices.push((vertex, by)),
             }
         }
-        self.by_poses.extend_from_slice(poses);
+        if !poses.is_empty() {
+            Arc::make_mut(&mut self.by_poses).extend_from_slice(poses);
+        }
         self.list.push(Equation {
             source,
             reading,
@@ -154,6 +159,13 @@ impl Equations {
             let factor = factors[e.source.scale()];
             e.lacks_derivatives && e.source.loss(loss).weight(e.normalized() / factor) > 0.0
         })
+    }
+
+    /// The same equations, with their residuals reduced by `share` times the given numbers.
+    pub(super) fn corrected(&self, share: f64, by: &[f64]) -> Self {
+        let mut made = self.clone();
+        made.list.iter_mut().zip(by).for_each(|(e, by)| e.distance -= share * by);
+        made
     }
 
     /// Each equation with its entries.

@@ -15,7 +15,7 @@
 //!
 //! The remaining error of interpolation is estimated from the changes (L. F. Richardson, *The approximate
 //! arithmetical solution by finite differences*, 1911): if each fit leaves the share `ρ` of the error of the
-//! one before, a change `c` leaves `c ρ/(1 − ρ)`. It is added to the σ of unresolved shape. Residuals do not
+//! one before, a change `c` leaves `c ρ/(1 − ρ)`. The σ of unresolved shape is at least this. Residuals do not
 //! show all of it, because it is largest where few points are: at tips, ears and fingers.
 //!
 //! If the first fit does not follow its points, another one begins in a pose in which parts turned far
@@ -232,7 +232,7 @@ pub fn fit_with_growing_controls(
     }
     fit.iterations = iterations;
     for (sigma, error) in fit.unresolved_at.iter_mut().zip(errors) {
-        *sigma = sigma.hypot(error);
+        *sigma = sigma.max(error);
     }
     Ok(GrownFit { fit, deformation, controls })
 }

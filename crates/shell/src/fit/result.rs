@@ -5,36 +5,37 @@
 use super::correlation::{Residual, ResidualCorrelation};
 use super::dense::Factor;
 use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
+use super::interpolation::{CloserControls, FitSmoothness, noise_vectors};
 use super::priors::Priors;
 use super::problem::State;
 use super::residual_leverage::{Signs, leverage_of_signs};
+use super::roundness::{Roundness, roundness};
 use super::strain::strained_share;
 use super::support::{PointFoot, Support, support, unfollowed};
 use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 use planish_estimate::{Result, Termination};
 use planish_mesh::{MeshSearch, TriangleMesh};
 
-/// Weight of the loss below which a reading is reported as an outlier: for Tukey's loss, a residual of 4.1 σ.
+/// Weight of the loss below which a reading is reported as an outlier: for Tukey's loss, a residual of
+/// 4.1 σ.
 const OUTLIER_WEIGHT: f64 = 0.05;
 
 /// Computes the covariance and the statistics of the readings.
 pub(super) fn finished(
     mesh: &TriangleMesh,
-    deformation: &dyn Deformation,
+    full_deformation: &dyn Deformation,
     priors: &Priors<'_>,
-    state: State,
+    mut state: State,
     equations: &[Equations],
     factors: &[f64; SCALES],
     weight: f64,
 ) -> Result<ShellFit> {
-    let positions = displaced_positions(&mesh.positions, deformation, &state.q);
-    let initial = displaced_positions(&mesh.positions, deformation, &DVector::zeros(state.q.len()));
-    let strained_share = strained_share(mesh, &initial, &positions);
-    let linear = deformation.linearised_at(&state.q);
-    let deformation = linear.as_deref().unwrap_or(deformation);
+    let initial = displaced_positions(&mesh.positions, full_deformation, &DVector::zeros(state.q.len()));
+    let linear = full_deformation.linearised_at(&state.q);
+    let deformation = linear.as_deref().unwrap_or(full_deformation);
     let loss = &priors.options.loss;
     let poses = priors.poses.len();
     let parameters = state.q.len();
@@ -42,6 +43,17 @@ pub(super) fn finished(
     let mut alone = sum(equations, deformation, poses, loss, (factors, &[1.0; SCALES]), false);
     alone.information *= moments.slope / moments.weight;
     let (with_priors, _) = priors.add(&state, weight, &alone);
+    let scale = moments.slope / moments.weight;
+    let rounded = rounded(mesh, full_deformation, priors, &state, equations, factors, (&with_priors, scale))?;
+    let (round, equations) = match &rounded {
+        Some((round, corrected)) => {
+            state = priors.moved(&state, &(round.found.share * &round.change));
+            (Some(round), &corrected[..])
+        }
+        None => (None, equations),
+    };
+    let positions = displaced_positions(&mesh.positions, full_deformation, &state.q);
+    let strained_share = strained_share(mesh, &initial, &positions);
     let counts = |e: &Equation| {
         e.source != Source::Region
             && e.is_likely()
@@ -58,16 +70,19 @@ pub(super) fn finished(
     let share = moments.slope * moments.slope / (moments.influence_squared * moments.weight);
     pass.information *= share;
     pass.vector *= share;
-    let of_data = priors.without_poses(&state, &pass)?;
+    let mut of_data = priors.without_poses(&state, &pass)?;
+    // Correlated readings count less here than in the estimate of the share.
+    let relative = moments.slope / (moments.influence_squared * together[Source::Point.scale()]);
+    if let Some(round) = round {
+        round.marginalise(relative, &mut of_data.information, &mut of_data.vector);
+    }
     let data_vector = &of_data.information * &state.q + of_data.vector;
     let (information, _) = priors.add(&state, weight, &pass);
-    let covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
-    let shape = ResidualCorrelation::sigma(&misfits);
-    let mut pose_covariances = vec![None; state.cameras.len()];
-    for (slot, (view, _)) in priors.poses.iter().enumerate() {
-        let at = parameters + 6 * slot;
-        pose_covariances[*view] = Some(covariance.view((at, at), (6, 6)).into_owned());
+    let mut covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
+    if let Some(Roundness { found, change, .. }) = round {
+        covariance.ger(found.sigma.powi(2), change, change, 1.0);
     }
+    let shape = ResidualCorrelation::sigma(&misfits);
     let readings = priors.readings;
     let around = match readings.points.is_empty() {
         true => Support::default(),
@@ -75,7 +90,16 @@ pub(super) fn finished(
             let found = TriangleMesh { positions: positions.clone(), triangles: mesh.triangles.clone() };
             let mut feet = point_feet(equations, priors, counts);
             feet.extend(unfollowed_feet(&found, equations, priors, factors)?);
-            support(&found, &feet, shape)?
+            let errors = interpolation_errors(
+                (mesh, &found),
+                full_deformation,
+                priors,
+                equations,
+                (&left, factors),
+                weight,
+                counts,
+            )?;
+            support(&found, &feet, shape)?.with_errors(&errors)
         }
     };
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
@@ -86,11 +110,12 @@ pub(super) fn finished(
         points: fit_of(Source::Point, readings.points.len()),
         outlines: fit_of(Source::Outline, outlines),
         tracks: fit_of(Source::Track, readings.tracks.len()),
+        pose_covariances: pose_covariances(&covariance, priors, &state),
         parameters: state.q,
         cameras: state.cameras,
-        pose_covariances,
         smoothness_weight: weight,
         unresolved_shape: shape,
+        facet_roundness: round.map(|round| round.found),
         unresolved_at: around.shape,
         support: around.of_vertices,
         unfollowed_points: around.unfollowed,
@@ -101,6 +126,77 @@ pub(super) fn finished(
         termination: Termination::Limit,
         iterations: 0,
     })
+}
+
+/// The covariance of each camera's pose; none for known poses.
+fn pose_covariances(
+    covariance: &DMatrix<f64>,
+    priors: &Priors<'_>,
+    state: &State,
+) -> Vec<Option<DMatrix<f64>>> {
+    let mut found = vec![None; state.cameras.len()];
+    for (slot, (view, _)) in priors.poses.iter().enumerate() {
+        let at = state.q.len() + 6 * slot;
+        found[*view] = Some(covariance.view((at, at), (6, 6)).into_owned());
+    }
+    found
+}
+
+/// The roundness of the facets, and the equations corrected for it; none without points.
+fn rounded(
+    mesh: &TriangleMesh,
+    deformation: &dyn Deformation,
+    priors: &Priors<'_>,
+    state: &State,
+    equations: &[Equations],
+    factors: &[f64; SCALES],
+    information: (&DMatrix<f64>, f64),
+) -> Result<Option<(Roundness, Vec<Equations>)>> {
+    if priors.readings.points.is_empty() {
+        return Ok(None);
+    }
+    let found = TriangleMesh {
+        positions: displaced_positions(&mesh.positions, deformation, &state.q),
+        triangles: mesh.triangles.clone(),
+    };
+    let foot_of = |e: &Equation, by_vertices: &[ByVertex]| {
+        foot(priors.readings.points[e.reading as usize].at, e.distance, by_vertices)
+    };
+    let linear = deformation.linearised_at(&state.q);
+    let rows = linear.as_deref().unwrap_or(deformation);
+    let scale = (&priors.options.loss, factors);
+    let (made, changes) = roundness(&found, equations, rows, information, scale, foot_of)?;
+    let corrected =
+        (equations.iter().zip(&changes)).map(|(e, by)| e.corrected(made.found.share, by)).collect();
+    Ok(Some((made, corrected)))
+}
+
+/// The error of interpolation at each vertex of a mesh, given at rest and as fitted; empty for parameters
+/// that are no displacements of controls.
+fn interpolation_errors(
+    (mesh, found): (&TriangleMesh, &TriangleMesh),
+    deformation: &dyn Deformation,
+    priors: &Priors<'_>,
+    equations: &[Equations],
+    (left, factors): (&[Signs], &[f64; SCALES]),
+    weight: f64,
+    counts: impl Fn(&Equation) -> bool,
+) -> Result<Vec<f64>> {
+    let controls = deformation.controls().filter(|points| 3 * points.len() == deformation.parameters());
+    let closer = match controls {
+        Some(controls) => CloserControls::new(mesh, controls)?,
+        None => None,
+    };
+    let Some(closer) = closer else { return Ok(Vec::new()) };
+    let (loss, poses) = (&priors.options.loss, priors.poses.len());
+    let mut pass = sum(equations, &closer.deformation, poses, loss, (factors, &[1.0; SCALES]), false);
+    let moments = loss.moments(1)?;
+    pass.information *= moments.slope / moments.weight;
+    let scale = (factors, poses, moments.influence_squared.sqrt());
+    let noise = noise_vectors(equations, left, &closer.deformation, scale, counts);
+    let start = displaced_positions(&mesh.positions, deformation, &priors.start);
+    let allows_rotations = priors.smooth.allows_rotations();
+    closer.changes(found, &start, &pass, &noise, FitSmoothness { weight, allows_rotations })
 }
 
 /// The correlation of the residuals of points and of outlines.

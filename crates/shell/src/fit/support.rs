@@ -3,22 +3,22 @@
 //! In: the fitted mesh, the points with their residuals, and which of them the fit rejected. Out: for each
 //! vertex whether points are near it on its side of the sheet, and the σ of unresolved shape there.
 //!
-//! A vertex is supported if at least [`MIN_NEAR`] feet lie within [`REACH`] times their own spacing from it,
-//! on facets that face the same way. The information of a vertex does not show this: a few parameters that
-//! points determine elsewhere move unseen vertices as well.
+//! A vertex is supported if at least [`MIN_NEAR`] feet lie within [`REACH`] times their own spacing from
+//! it, on facets that face the same way. The information of a vertex does not show this: a few parameters
+//! that points determine elsewhere move unseen vertices as well.
 //!
-//! Residuals `r_i = n_i + m(x_i)` contain noise and unresolved shape ([`super::correlation`]). The product of
-//! a residual and the mean of its neighbours' has the expectation `m²`, because their noise is independent.
-//! Its mean over the points around a vertex is the local `m²`. The mean of this field is scaled to the `m²`
-//! of all points, which takes into account what the fit removes.
+//! Residuals `r_i = n_i + m(x_i)` contain noise and unresolved shape ([`super::correlation`]). The
+//! product of a residual and the mean of its neighbours' has the expectation `m²`, because their noise is
+//! independent. Its mean over the points around a vertex is the local `m²`. The mean of this field is
+//! scaled to the `m²` of all points, which takes into account what the fit removes.
 //!
 //! The loss rejects points that are far from the mesh, whether they are gross errors or the mesh is wrong.
 //! Rejected points that lie on a plane through their neighbours are surface that the mesh does not follow;
 //! gross errors have no such neighbours. The squares of their distances are added to `m²`.
 //!
-//! Not guaranteed: shape finer than about eight spacings is averaged, and points on the other side of a thin
-//! sheet support a vertex if their feet do. Gross errors that lie on a common surface, as of another object,
-//! are taken for shape.
+//! Not guaranteed: shape finer than about eight spacings is averaged, and points on the other side of a
+//! thin sheet support a vertex if their feet do. Gross errors that lie on a common surface, as of another
+//! object, are taken for shape.
 
 use crate::point_tree::{PointTree, plane_through};
 use planish_core::DVec3;
@@ -36,8 +36,8 @@ const SPACING_RANK: usize = 4;
 const MAX_SPACING: f64 = 3.0;
 /// Number of neighbours whose mean residual is multiplied with that of a point.
 const PRODUCT_NEIGHBOURS: usize = 12;
-/// Number of feet around a vertex over which products are averaged. Fewer follow changes of `m` more closely;
-/// for 64, the σ of `m²` from noise alone is about 0.08 times the variance of a point.
+/// Number of feet around a vertex over which products are averaged. Fewer follow changes of `m` more
+/// closely; for 64, the σ of `m²` from noise alone is about 0.08 times the variance of a point.
 const WINDOW: usize = 64;
 /// Number of neighbours to which the plane of a rejected point is fitted, and of those that it uses: the
 /// others may be gross errors.
@@ -120,6 +120,15 @@ pub(super) struct Support {
     pub residuals: Vec<VertexResiduals>,
 }
 
+impl Support {
+    /// The same with at least the given error at each vertex. Residuals show a part of errors of
+    /// interpolation, so these are not added to what they show.
+    pub(super) fn with_errors(mut self, errors: &[f64]) -> Self {
+        self.shape.iter_mut().zip(errors).for_each(|(shape, error)| *shape = shape.max(*error));
+        self
+    }
+}
+
 /// Rejected points that lie on a plane through their neighbours; `sigmas` are those of one point each.
 ///
 /// # Errors
@@ -164,7 +173,8 @@ pub(super) fn unfollowed(points: &[DVec3], sigmas: &[f64], rejected: &[bool]) ->
     Ok(found.into_par_iter().filter(has_company).collect())
 }
 
-/// Support of the vertices of a fitted mesh by points; `shape` is the σ of unresolved shape over all of them.
+/// Support of the vertices of a fitted mesh by points; `shape` is the σ of unresolved shape over all of
+/// them.
 ///
 /// # Errors
 /// As [`MeshSearch::try_new`] and [`PointTree::new`].

@@ -11,6 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 mod growth;
 mod outlines;
 mod oversized_plate;
+mod roundness;
 mod sequence;
 
 const SIGMA: f64 = 0.01;
@@ -174,7 +175,8 @@ fn shells_are_as_accurate_as_fits_with_true_correspondences() {
             share
         );
         assert!(rms(&fitted) < 1.2 * rms(&with_normals), "{metaball:?}");
-        assert!((0.9..0.98).contains(&share), "{metaball:?}: {share}");
+        // The controls follow this motion exactly, but σ allows for interpolation between them.
+        assert!((0.9..0.985).contains(&share), "{metaball:?}: {share}");
         // Almost no inlier is rejected.
         assert!(counts[1] * 50 < counts[0], "{counts:?}");
     }
