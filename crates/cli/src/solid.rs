@@ -27,14 +27,15 @@ Views:
   front  seen from -y, shows x and z
   top    seen from +z, shows x and y
   side   seen from +x, shows y and z
-All views share one frame and one scale. On a sheet with all views, the views are found and aligned with the front \
-view; frame, title block, dimensions, notes, sections and other views are set aside and listed (--json). The lower \
-left corner of each view becomes its origin, on such a sheet and in SVG files. Lengths are multiplied by the scale \
-that the dimensions or the title block state.
+All views share one frame and one scale. On a sheet with all views, the views are found and aligned with \
+the front view; frame, title block, dimensions, notes, sections and other views are set aside and listed \
+(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG files. Lengths \
+are multiplied by the scale that the dimensions or the title block state.
 
-Hidden lines have dashes of one length, or a layer or line type whose name says so (HIDDEN, VERDECKT, CACHE ...). \
-Centre lines, of alternating dashes, are ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn \
-or omitted. A solid is written only if its visible and hidden lines are those of the drawing.
+Hidden lines have dashes of one length, or a layer or line type whose name says so (HIDDEN, VERDECKT, CACHE \
+...). Centre lines, of alternating dashes, are ignored. Faces are planes parallel to a line of sight and \
+cylinders along an axis. Smooth edges may be drawn or omitted. A solid is written only if its visible and \
+hidden lines are those of the drawing.
 
 Contours written by `planish contour` (.json) are also views. Relations in each contour are found by χ² \
 tests, or read from the file if it was made with --constrain or --given. Coordinates of different views are \

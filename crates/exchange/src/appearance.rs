@@ -407,6 +407,14 @@ impl TriangleParts {
     }
 }
 
+/// The sRGB value of a colour component, which glTF states in proportion to light (section 3.7.2.1).
+pub(crate) fn display_value(linear: f64) -> f64 {
+    match linear {
+        x if x <= 0.003_130_8 => 12.92 * x,
+        x => 1.055 * x.powf(1.0 / 2.4) - 0.055,
+    }
+}
+
 fn check(mesh: &TexturedMesh) -> Result<()> {
     let few = |triangles: &[[u32; 3]], count: usize| {
         triangles.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV)

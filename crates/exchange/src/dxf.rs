@@ -1,9 +1,9 @@
 //! Reads the curves of drawings from DXF files (Drawing Interchange Format, ASCII).
 //!
 //! **Input.** `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE` and `SPLINE` of the section
-//! `ENTITIES`, and of blocks placed by `INSERT`. Lines are hidden if their line type has dashes of one length,
-//! or if its name or that of the layer says so (`HIDDEN`, `VERDECKT`, `CACHE` …). Centre lines, of alternating
-//! dashes, are ignored.
+//! `ENTITIES`, and of blocks placed by `INSERT`. Lines are hidden if their line type has dashes of one
+//! length, or if its name or that of the layer says so (`HIDDEN`, `VERDECKT`, `CACHE` …). Centre lines, of
+//! alternating dashes, are ignored.
 //!
 //! **Output.** Curves with their style, the unit of `$INSUNITS`, counts of ignored entities by kind, and
 //! messages on what was ignored and on dimensions that conflict with the drawing. Texts, boxes of hatches,

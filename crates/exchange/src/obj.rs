@@ -2,8 +2,9 @@
 //!
 //! **Input.** `v x y z` or `v x y z red green blue` (other further values are ignored), `vn`, and `f` with
 //! indices that count from 1 or, if negative, back from the last vertex. Polygons are split into triangles.
-//! Lines that end with `\` continue in the next one; `#` begins a comment; other keywords are ignored. Colours
-//! are no part of the format, but many programs write them; they become columns if all vertices have one.
+//! Lines that end with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
+//! Colours are no part of the format, but many programs write them; they become columns if all vertices have
+//! one.
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!

@@ -237,14 +237,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
             .with_setting(Setting::Unit),
         );
     }
-    // Held-out views judge the result and must not shape it.
-    let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
-    let views: Vec<ContourView> = (taking_part.par_iter())
-        .map(|view| {
-            contour_view(view)
-                .map_err(|e| e.in_context(format!("{}: view `{}`", job.views.display(), view.name)))
-        })
-        .collect::<Result<_>>()?;
+    let views = views_taking_part(&file.views, &job.views)?;
     let matching = ProgressPart::new(progress, 0.1, 0.4);
     let found =
         occluding_contours(&views, &job.options, &mut |share| matching.check("matching contours", share))
@@ -279,18 +272,15 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         write_scan(path, &found.scan(None, "contours"), unit)?;
         written.push(path.clone());
     }
-    match (&job.hull, &hull) {
-        (Some(path), Some(hull)) => {
-            write_hull(path, &hull.mesh, unit)?;
-            written.push(path.clone());
-        }
-        (Some(path), None) => {
-            return Err(Error::undetermined(format!(
+    if let Some(path) = &job.hull {
+        let hull = hull.as_ref().ok_or_else(|| {
+            Error::undetermined(format!(
                 "{}: expected masks of the whole object in at least two views for a visual hull",
                 path.display()
-            )));
-        }
-        (None, _) => {}
+            ))
+        })?;
+        write_hull(path, &hull.mesh, unit)?;
+        written.push(path.clone());
     }
     if let (Some(path), Some(surface)) = (&job.surface, &surface) {
         surface.write(path, unit)?;
@@ -320,6 +310,15 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         written,
         findings,
     })
+}
+
+/// Views that shape the result; held-out ones only judge it.
+fn views_taking_part(views: &[ViewFile], path: &Path) -> Result<Vec<ContourView>> {
+    let taking_part: Vec<&ViewFile> = views.iter().filter(|v| !v.held_out).collect();
+    let read = |view: &&ViewFile| {
+        contour_view(view).map_err(|e| e.in_context(format!("{}: view `{}`", path.display(), view.name)))
+    };
+    taking_part.par_iter().map(read).collect()
 }
 
 fn of_points(found: &OccludingContours, value: impl Fn(&OccludingPoint) -> f64) -> Option<SigmaSummary> {

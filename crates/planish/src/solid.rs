@@ -301,8 +301,8 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     Ok(report)
 }
 
-/// Searches the readings of a drawing, and returns the first that has a solid, or else the first. If a solid has
-/// the views in the other convention as well, this is a finding.
+/// Searches the readings of a drawing, and returns the first that has a solid, or else the first. If a solid
+/// has the views in the other convention as well, this is a finding.
 fn search_readings(
     readings: Vec<ReadDrawing>,
     progress: &dyn Progress,
@@ -384,8 +384,8 @@ fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
         }
         // A hole seen from two sides may be round or square, and a bar may be round or flat.
         1 if views == 2 => {
-            let text = "one solid of the simplest faces has these views; two views leave open whether what runs \
-                        along the missing direction is flat or round: add the third view";
+            let text = "one solid of the simplest faces has these views; two views leave open whether what \
+                        runs along the missing direction is flat or round: add the third view";
             found.push(Finding::new(FindingCode::TwoViews, text));
         }
         1 if report.complete => {

@@ -5,14 +5,15 @@
 //!
 //! A fit is local: a part that turned by 90° ends at another angle. The search tries rotations of the whole
 //! mesh and of its parts ([`parts`]) about their joints, and scores each by a sub-sample of the points
-//! ([`misfit`]). The best trials are refined by rigid motions of the part and of the rest, and the best of these
-//! with their joints ([`joint`]). The best one is where the next round begins, as long as the misfit falls.
+//! ([`misfit`]). The best trials are refined by rigid motions of the part and of the rest, and the best of
+//! these with their joints ([`joint`]). The best one is where the next round begins, as long as the misfit
+//! falls.
 //!
 //! Cost: some 10,000 trials in each round, each a nearest-neighbour search of a few hundred points.
 //!
-//! Not guaranteed: the global optimum. Shapes change by rotations only, whose share rises smoothly across a joint;
-//! the fit has to do the rest. Parts that are round about the axis of their rotation have no
-//! best angle.
+//! Not guaranteed: the global optimum. Shapes change by rotations only, whose share rises smoothly across a
+//! joint; the fit has to do the rest. Parts that are round about the axis of their rotation have no best
+//! angle.
 
 mod joint;
 mod misfit;
@@ -38,11 +39,11 @@ const WHOLE_ANGLES: [f64; 4] = [45.0, 90.0, 135.0, 180.0];
 /// Number of trials of parts that are refined in each round, first by a few iterations and few points, and of
 /// those of one part among them.
 const REFINED: [(usize, usize); 2] = [(400, 6), (48, 3)];
-/// Number of trials whose joints are estimated, and of those of one part. With 8 instead of 16, the turn by 90° of
-/// `head` from the front (seed 1) ended at 4.7 instead of 2.7 σ.
+/// Number of trials whose joints are estimated, and of those of one part. With 8 instead of 16, the turn by
+/// 90° of `head` from the front (seed 1) ended at 4.7 instead of 2.7 σ.
 const JOINTS: (usize, usize) = (16, 2);
-/// Number of other functions that are tried for the best joint. Without them, the turn by 90° of `decimated-max` with
-/// gross errors (seed 1) ended at 4.2 instead of 0.5 σ.
+/// Number of other functions that are tried for the best joint. Without them, the turn by 90° of
+/// `decimated-max` with gross errors (seed 1) ended at 4.2 instead of 0.5 σ.
 const OTHER_CUTS: usize = 6;
 /// Share of the points that are far from the mesh, below which no more parts are turned.
 const SETTLED: f64 = 0.02;

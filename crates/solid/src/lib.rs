@@ -33,8 +33,8 @@
 //! # Ok::<(), planish_estimate::Error>(())
 //! ```
 //!
-//! The views of a file that holds all of them on one sheet are found by [`sheet::read_sheet`]; coordinates that
-//! nearly agree are joined by [`views::joined`]. Measured views with errors are adjusted by
+//! The views of a file that holds all of them on one sheet are found by [`sheet::read_sheet`]; coordinates
+//! that nearly agree are joined by [`views::joined`]. Measured views with errors are adjusted by
 //! [`noisy_views::match_views`] first, which also gives σ of each dimension.
 //!
 //! Faces of CAD files have surfaces of more kinds. [`parametric`] represents and triangulates these:

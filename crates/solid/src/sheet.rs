@@ -1,12 +1,13 @@
 //! Finds the views of a part on a sheet, and sets aside what else is drawn there.
 //!
-//! **Input.** The curves of one file, what accompanies them ([`Annotations`]: pens, texts, hatches, arrowheads
-//! and dimensions), and options. **Output.** A [`SheetReading`]: the views in the part's coordinates and in its
-//! true size, and why each other curve was left out.
+//! **Input.** The curves of one file, what accompanies them ([`Annotations`]: pens, texts, hatches,
+//! arrowheads and dimensions), and options. **Output.** A [`SheetReading`]: the views in the part's
+//! coordinates and in its true size, and why each other curve was left out.
 //!
 //! 1. A rectangle that contains everything else is a frame. It is set aside with all that touches it (zones,
 //!    title block) and all that lies within its title block (the projection symbol).
-//! 2. Curves with an arrowhead are dimensions, leaders or marks. Of the pens, those whose curves mostly have a
+//! 2. Curves with an arrowhead are dimensions, leaders or marks. Of the pens, those whose curves mostly have
+//! a
 //!    free end draw annotations: edges of a part end at other edges. Of the other pens beside that of the
 //!    outlines, curves with a free end are set aside.
 //! 3. Curves whose bounding boxes touch form groups. The views are the groups that are aligned with one
@@ -14,8 +15,8 @@
 //!    curves. Sections, details and pictorial views align with none, or are hatched.
 //! 4. The scale is that of the dimensions, or of the title block if the frame has the size of a paper.
 //!
-//! **Limits.** Sections are not read. A sheet with two views and a section is an error, because the section may
-//! show what the views do not.
+//! **Limits.** Sections are not read. A sheet with two views and a section is an error, because the section
+//! may show what the views do not.
 //!
 //! # References
 //! ISO 128 (lines, views), ISO 5456-2 (projection), ISO 5457 (frames), ISO 7200 (title blocks).
@@ -39,8 +40,8 @@ use contacts::Contacts;
 use groups::{CurveGroup, grouped};
 pub use scale::{ScaleSource, scale_of_dimensions};
 
-/// Distance within which ends touch curves, relative to the size of the sheet. It covers coordinates with four
-/// decimals; a larger value joins annotations to the part.
+/// Distance within which ends touch curves, relative to the size of the sheet. It covers coordinates with
+/// four decimals; a larger value joins annotations to the part.
 const TOUCHING: f64 = 1e-5;
 
 /// Left and right, bottom and top.
@@ -149,15 +150,12 @@ pub struct SheetReading {
 ///         style: LineStyle::Visible,
 ///         entity: format!("line {k}"),
 ///     })
-/// };
-/// // A frame, the front view, and above it the view from above.
-/// let frame = rectangle(-10.0, -10.0, 120.0, 100.0);
-/// let sheet: Vec<_> = frame.chain(rectangle(0.0, 0.0, 40.0, 20.0)).chain(rectangle(0.0, 50.0, 40.0, 30.0)).collect();
-/// let readings = read_sheet(&sheet, &Annotations::default(), &SheetOptions::default())?;
-/// let kinds: Vec<_> = readings[0].views.iter().map(|v| v.kind).collect();
-/// assert_eq!(kinds, [ViewKind::Front, ViewKind::Top]);
-/// assert_eq!(readings[0].projection, Projection::ThirdAngle);
-/// assert_eq!(readings[0].set_aside.len(), 4);
+/// }; // A frame, the front view, and above it the view from above. let frame = rectangle(-10.0, -10.0,
+/// 120.0, 100.0); let sheet: Vec<_> = frame.chain(rectangle(0.0, 0.0, 40.0, 20.0)).chain(rectangle(0.0, 50.0,
+/// 40.0, 30.0)).collect(); let readings = read_sheet(&sheet, &Annotations::default(),
+/// &SheetOptions::default())?; let kinds: Vec<_> = readings[0].views.iter().map(|v| v.kind).collect();
+/// assert_eq!(kinds, [ViewKind::Front, ViewKind::Top]); assert_eq!(readings[0].projection,
+/// Projection::ThirdAngle); assert_eq!(readings[0].set_aside.len(), 4);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
@@ -289,7 +287,8 @@ impl<'a> SheetReader<'a> {
 
     /// The curves of a group as a view, in the part's coordinates.
     fn placed(&self, kind: ViewKind, group: &CurveGroup, scale: f64) -> View {
-        // In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all views.
+        // In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all
+        // views.
         let is_mirrored = kind == ViewKind::Left;
         let [[left, right], [bottom, _]] = group.bounds;
         let x = if is_mirrored { right } else { left };

@@ -5,8 +5,9 @@
 //! **Output.** One message per dimension whose number differs from the distance of its points, and one per
 //! dimension whose points lie on no line (the drawing was changed later). Messages name the entity.
 //!
-//! The length that a dimension states is the number of its text, or the distance of its points times the factor
-//! of its style (`DIMLFAC`). Drawings at a scale state lengths that differ from the distances by one factor.
+//! The length that a dimension states is the number of its text, or the distance of its points times the
+//! factor of its style (`DIMLFAC`). Drawings at a scale state lengths that differ from the distances by one
+//! factor.
 //!
 //! **Limits.** Angles, ordinates and texts without a number are not checked.
 

@@ -1,8 +1,8 @@
 //! Line styles by the dashes and the names of line types and layers.
 //!
 //! Hidden lines have dashes of one length. Centre lines, cutting lines and lines of movement alternate long
-//! dashes with short ones or dots. The pattern in the table of line types decides, because names depend on the
-//! language of the program; names decide where the table lacks the line type, and names of layers for
+//! dashes with short ones or dots. The pattern in the table of line types decides, because names depend on
+//! the language of the program; names decide where the table lacks the line type, and names of layers for
 //! continuous lines.
 
 use super::groups::Record;

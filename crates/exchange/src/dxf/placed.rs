@@ -48,8 +48,8 @@ impl Block {
     }
 }
 
-/// Layers with their line types, the dashes of line types, and blocks. Keys are in capitals, because names are
-/// not case-sensitive.
+/// Layers with their line types, the dashes of line types, and blocks. Keys are in capitals, because names
+/// are not case-sensitive.
 #[derive(Default)]
 pub(super) struct Sheet {
     pub(super) layers: BTreeMap<String, String>,

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::{BINARY_CHUNK, BYTE, FLOAT, INTEGER, JSON_CHUNK, MAGIC, SHORT, TRIANGLES};
 use crate::Unit;
-use crate::appearance::TexturedMesh;
+use crate::appearance::{TexturedMesh, display_value};
 use crate::mesh_data::{PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
 use crate::source::{DATA_RATIO, Source, read_file};
@@ -219,14 +219,6 @@ struct File<'a> {
 
 /// Columns and the attributes that store them.
 const COLUMNS: [(&str, &str); 2] = [("sigma", "_SIGMA"), ("observed", "_OBSERVED")];
-
-/// The sRGB value of a colour component, which glTF states in proportion to light (section 3.7.2.1).
-fn display_value(linear: f64) -> f64 {
-    match linear {
-        x if x <= 0.003_130_8 => 12.92 * x,
-        x => 1.055 * x.powf(1.0 / 2.4) - 0.055,
-    }
-}
 
 fn index(value: &Value) -> Option<usize> {
     value.as_u64().and_then(|v| usize::try_from(v).ok())

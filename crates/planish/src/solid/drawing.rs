@@ -144,8 +144,8 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
     all.into_iter().take(MAX_NAMED).chain(more)
 }
 
-/// Removes repeated lines and reports the first of them. If one is visible and the other hidden, the visible one
-/// is kept.
+/// Removes repeated lines and reports the first of them. If one is visible and the other hidden, the visible
+/// one is kept.
 pub(super) fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     let all =
         Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };

@@ -123,8 +123,8 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
     }
     match reading.scale_source {
         ScaleSource::Unknown => {
-            let text = "the sheet states another scale than 1:1, and neither dimensions nor the frame show whether \
-                        lengths are those of the part: they are used as drawn";
+            let text = "the sheet states another scale than 1:1, and neither dimensions nor the frame show \
+                        whether lengths are those of the part: they are used as drawn";
             findings.push(Finding::new(FindingCode::ScaleUnknown, text));
         }
         _ if reading.scale != 1.0 => {
@@ -153,8 +153,8 @@ pub(super) fn open_convention(used: &ReportedSheet) -> Finding {
         _ => (Projection::ThirdAngle, Projection::FirstAngle),
     };
     let text = format!(
-        "the views are those of a solid in the {}-angle and in the {}-angle convention, and nothing on the sheet \
-         decides: the first is used; specify the projection",
+        "the views are those of a solid in the {}-angle and in the {}-angle convention, and nothing on the \
+         sheet decides: the first is used; specify the projection",
         used.name(),
         other.name()
     );

@@ -1,22 +1,22 @@
 //! The region that agrees best with all silhouettes, some of which have gross errors.
 //!
-//! In: views with closed silhouettes and a box. Out: a closed mesh, and the pixels of each view that contradict
-//! it.
+//! In: views with closed silhouettes and a box. Out: a closed mesh, and the pixels of each view that
+//! contradict it.
 //!
-//! The visual hull loses every place that one mask shows as background by mistake, for example a shadow on the
-//! object. This module starts from the hull and restores places by maximum likelihood. If pixels of masks are
-//! wrong independently and with equal probability, the most likely region has the fewest pixels at which a
-//! mask and the region's silhouette differ. A restored place gains a pixel where a mask shows the object and
-//! nothing covers it yet, and loses a pixel where the mask shows background. A part of an object is missing in
-//! the hull's silhouettes of several views if one wrong mask removed it, so restoring it gains more than it
-//! loses. Background that a mask includes by mistake gains pixels in that view only.
+//! The visual hull loses every place that one mask shows as background by mistake, for example a shadow on
+//! the object. This module starts from the hull and restores places by maximum likelihood. If pixels of masks
+//! are wrong independently and with equal probability, the most likely region has the fewest pixels at which
+//! a mask and the region's silhouette differ. A restored place gains a pixel where a mask shows the object
+//! and nothing covers it yet, and loses a pixel where the mask shows background. A part of an object is
+//! missing in the hull's silhouettes of several views if one wrong mask removed it, so restoring it gains
+//! more than it loses. Background that a mask includes by mistake gains pixels in that view only.
 //!
 //! Places are the corners of a grid. Each round restores those that gain most, then gains are computed again.
 //! Restored places are bounded by the silhouettes that do not contradict them, with subpixel accuracy.
 //!
-//! Not guaranteed: the optimum is local. A place is restored only if at least two other masks show the
-//! object there and nothing else covers it; on a convex body most places stay lost. Errors at the same place in many views are not found. As for the
-//! visual hull, hollows that no silhouette shows are filled.
+//! Not guaranteed: the optimum is local. A place is restored only if at least two other masks show the object
+//! there and nothing else covers it; on a convex body most places stay lost. Errors at the same place in many
+//! views are not found. As for the visual hull, hollows that no silhouette shows are filled.
 
 use super::hull::SilhouetteBound;
 use planish_core::{BoundingBox, DVec3};
@@ -184,8 +184,8 @@ impl ConsistentRegion {
         )
     }
 
-    /// Signed depth of a point inside the region, as [`SilhouetteBound::depth`]. At restored places, it is the
-    /// depth in the silhouettes that do not contradict them.
+    /// Signed depth of a point inside the region, as [`SilhouetteBound::depth`]. At restored places, it is
+    /// the depth in the silhouettes that do not contradict them.
     #[must_use]
     pub fn depth(&self, at: DVec3) -> f64 {
         match self.contradicting(at) {

@@ -2,8 +2,8 @@
 //!
 //! In: a pose in which a part turned, and points. Out: the same part with a better motion and joint.
 //!
-//! A part turns about its joint by a rigid motion `exp(ξ)` relative to the rest, and positions in the joint by
-//! the share `w` of it:
+//! A part turns about its joint by a rigid motion `exp(ξ)` relative to the rest, and positions in the joint
+//! by the share `w` of it:
 //!
 //! `x ↦ M exp(w ξ) x`, `w = s(½ + (f(x) + gᵀ(x − c) − a)/b)`, `s(u) = 3u² − 2u³`
 //!
@@ -27,8 +27,8 @@ use planish_core::DVec3;
 const UNKNOWNS: usize = 17;
 /// Number of iterations.
 const ITERATIONS: usize = 30;
-/// Length `τ` of weights in the first iteration, the share that each leaves, and the minimum, as shares of the
-/// diagonal.
+/// Length `τ` of weights in the first iteration, the share that each leaves, and the minimum, as shares of
+/// the diagonal.
 const REACH: (f64, f64, f64) = (0.06, 0.92, 0.0125);
 /// Step of numerical derivatives, for unknowns of the order of one.
 const STEP: f64 = 1e-5;

@@ -41,8 +41,8 @@ fn rms(a: &[DVec3], b: &[DVec3]) -> f64 {
     (a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum::<f64>() / a.len() as f64).sqrt()
 }
 
-/// A half that turned by a right angle, about the long axis or across it, is found with its joint, whose profile
-/// is another one here.
+/// A half that turned by a right angle, about the long axis or across it, is found with its joint, whose
+/// profile is another one here.
 #[test]
 fn turned_halves_are_found() {
     let mesh = body();

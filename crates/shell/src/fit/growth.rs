@@ -15,8 +15,8 @@
 //!
 //! The remaining error of interpolation is estimated from the changes (L. F. Richardson, *The approximate
 //! arithmetical solution by finite differences*, 1911): if each fit leaves the share `ρ` of the error of the
-//! one before, a change `c` leaves `c ρ/(1 − ρ)`. The σ of unresolved shape is at least this. Residuals do not
-//! show all of it, because it is largest where few points are: at tips, ears and fingers.
+//! one before, a change `c` leaves `c ρ/(1 − ρ)`. The σ of unresolved shape is at least this. Residuals do
+//! not show all of it, because it is largest where few points are: at tips, ears and fingers.
 //!
 //! If the first fit does not follow its points, another one begins in a pose in which parts turned far
 //! ([`super::starts`]), with more controls; the better one counts.

@@ -1,7 +1,7 @@
 //! How much of a mesh a fit strains.
 //!
-//! In: a mesh before and after. Out: the share of its area whose triangles are stretched in one direction more
-//! than twice as much as in the other.
+//! In: a mesh before and after. Out: the share of its area whose triangles are stretched in one direction
+//! more than twice as much as in the other.
 //!
 //! A triangle with edges `e₁, e₂` has the metric `G = [eᵢ·eⱼ]`. The squared stretches `λ₁ ≥ λ₂` are the
 //! eigenvalues of `G₀⁻¹ G`, and `(λ₁ + λ₂)²/(λ₁ λ₂) = (r + 1/r)²` with the ratio `r` of the stretches.
@@ -12,8 +12,8 @@ use planish_core::DVec3;
 use planish_mesh::TriangleMesh;
 
 /// Ratio of the stretches in two directions, above which a triangle counts. Twists and bends by 40°, changes
-/// of size by a quarter and waves have it on at most 0.3 % of the area; fits that ended with a part at another
-/// angle than the object's on 10 to 40 %.
+/// of size by a quarter and waves have it on at most 0.3 % of the area; fits that ended with a part at
+/// another angle than the object's on 10 to 40 %.
 const MAX_RATIO: f64 = 2.0;
 
 /// Share of the area of a mesh that is strained, from one set of positions to another.

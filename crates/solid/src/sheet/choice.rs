@@ -77,8 +77,8 @@ impl<'a> Chooser<'a> {
         Self { groups, near: MAX_MISALIGNMENT * size }
     }
 
-    /// Whether two groups share both sides along an axis: stacked views share left and right, neighbours beside
-    /// each other bottom and top.
+    /// Whether two groups share both sides along an axis: stacked views share left and right, neighbours
+    /// beside each other bottom and top.
     fn are_aligned(&self, a: usize, b: usize, axis: usize) -> bool {
         let [a, b]: [&SheetBox; 2] = [a, b].map(|k| &self.groups[k].bounds);
         (0..2).all(|e| (a[axis][e] - b[axis][e]).abs() <= self.near)
@@ -131,7 +131,8 @@ impl<'a> Chooser<'a> {
             };
             views.push((kind, self.groups[g].clone()));
         }
-        // Each view counts beside its curves, so that three plain views are better than a rich one and a table.
+        // Each view counts beside its curves, so that three plain views are better than a rich one and a
+        // table.
         let value = |group: &CurveGroup| (1.0 + group.curves.len() as f64).ln() + 1.0;
         let total = views.iter().map(|(_, group)| value(group)).sum();
         (total, Choice { views, projection, are_given: false })
@@ -180,8 +181,8 @@ impl<'a> Chooser<'a> {
             None => "",
         };
         let text = format!(
-            "expected views of one scale, aligned with the front view, found a view ({left:.3} to {right:.3}, \
-             {bottom:.3} to {top:.3}) that is neither at the position of the top view nor at that of a side \
+            "expected views of one scale, aligned with the front view, found a view ({left:.3} to \
+             {right:.3}, {bottom:.3} to {top:.3}) that is neither at the position of the top view nor at that of a side \
              view{convention}"
         );
         (Some(self.groups[other].curves[0]), text)

@@ -1,8 +1,8 @@
 //! The scale of a drawing: length of the part per length in the file.
 //!
 //! Dimensions tell it exactly: what they state over what they measure. A title block only says at which scale
-//! the sheet is plotted. If the frame has the size of a paper, lengths are those on the paper; if it is larger
-//! or smaller by the scale, they are those of the part.
+//! the sheet is plotted. If the frame has the size of a paper, lengths are those on the paper; if it is
+//! larger or smaller by the scale, they are those of the part.
 
 use super::annotations::{Annotations, SheetDimension};
 use super::frame::FoundFrame;

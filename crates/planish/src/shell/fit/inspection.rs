@@ -37,8 +37,8 @@ const MAX_UNFOLLOWED_SHARE: f64 = 0.05;
 /// Minimum rms distance of these points from the mesh, relative to its size, for a refusal. Exact points show
 /// deviations that matter little, as of a part that was asked to stay rigid.
 const MIN_UNFOLLOWED_DISTANCE: f64 = 0.01;
-/// Maximum share of the mesh's area that is stretched in one direction more than twice as much as in the other
-/// while it folds. Fits that ended at a wrong position have 10 % and more, others 0.3 %.
+/// Maximum share of the mesh's area that is stretched in one direction more than twice as much as in the
+/// other while it folds. Fits that ended at a wrong position have 10 % and more, others 0.3 %.
 const MAX_STRAINED_SHARE: f64 = 0.03;
 /// Ratio of the σ of points by their residuals to the stated one, above which the mesh does not follow them.
 /// Sensors are rarely that much worse than stated.
@@ -262,8 +262,8 @@ pub(super) fn unfollowed(
     let place = if name.is_empty() { String::new() } else { format!("frame {name}: ") };
     if count < MIN_UNFOLLOWED_SHARE * all {
         let text = format!(
-            "{place}{} of the mesh is stretched in one direction more than twice as much as in the other, and \
-             it folds: parts probably ended at a wrong position",
+            "{place}{} of the mesh is stretched in one direction more than twice as much as in the other, \
+             and it folds: parts probably ended at a wrong position",
             percent(fit.strained_share)
         );
         return Ok(is_strained(fit, mesh).then(|| Finding::new(FindingCode::SurfaceNotFollowing, text)));
