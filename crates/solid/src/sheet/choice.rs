@@ -182,8 +182,8 @@ impl<'a> Chooser<'a> {
         };
         let text = format!(
             "expected views of one scale, aligned with the front view, found a view ({left:.3} to \
-             {right:.3}, {bottom:.3} to {top:.3}) that is neither at the position of the top view nor at that of a side \
-             view{convention}"
+             {right:.3}, {bottom:.3} to {top:.3}) that is neither at the position of the top view nor at \
+             that of a side view{convention}"
         );
         (Some(self.groups[other].curves[0]), text)
     }
