@@ -138,17 +138,9 @@ impl<'a> Chooser<'a> {
         (total, Choice { views, projection, are_given: false })
     }
 
-    /// A section that is aligned with a view of a choice of two. What it shows may be in no view.
+    /// A section beside a choice of two views. What it shows may be in no view.
     fn section_beside(&self, choice: &Choice) -> Option<usize> {
-        let is_aligned = |section: &usize| {
-            choice.views.iter().any(|(_, view)| {
-                let view = self.groups.iter().position(|group| group.curves == view.curves);
-                view.is_some_and(|view| (0..2).any(|axis| self.are_aligned(view, *section, axis)))
-            })
-        };
-        let mut sections =
-            (0..self.groups.len()).filter(|g| choice.views.len() == 2 && self.groups[*g].is_section);
-        sections.find(is_aligned)
+        (0..self.groups.len()).find(|g| choice.views.len() == 2 && self.groups[*g].is_section)
     }
 
     fn explain_section(&self, section: usize) -> NoChoice {
