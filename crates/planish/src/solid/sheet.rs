@@ -82,8 +82,13 @@ pub(super) fn readings(
             .collect(),
         unit_mm: unit.millimetres(),
     };
-    let read = read_sheet(&file.curves, &file.annotations, &options)
-        .map_err(|e| e.in_context(path.display()).with_setting(Setting::Projection))?;
+    let read = read_sheet(&file.curves, &file.annotations, &options).map_err(|e| {
+        let error = e.in_context(path.display());
+        match job.projection {
+            Some(_) => error.with_setting(Setting::Projection),
+            None => error,
+        }
+    })?;
     Ok(read.into_iter().map(|reading| candidate(reading, path)).collect())
 }
 
