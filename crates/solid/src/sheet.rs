@@ -7,11 +7,10 @@
 //! 1. A rectangle that contains everything else is a frame. It is set aside with all that touches it (zones,
 //!    title block) and all that lies within its title block (the projection symbol).
 //! 2. Curves with an arrowhead are dimensions, leaders or marks. Of the pens, those whose curves mostly have
-//! a
-//!    free end draw annotations: edges of a part end at other edges. Of the other pens beside that of the
+//!    a free end draw annotations: edges of a part end at other edges. Of the other pens beside that of the
 //!    outlines, curves with a free end are set aside.
-//! 3. Curves whose bounding boxes touch form groups. The views are the groups that are aligned with one
-//!    of them, the front view, and agree with it in their extents; of several choices, that with the most
+//! 3. Curves whose bounding boxes touch form groups. The views are the groups that are aligned with one of
+//!    them, the front view, and agree with it in their extents; of several choices, that with the most
 //!    curves. Sections, details and pictorial views align with none, or are hatched.
 //! 4. The scale is that of the dimensions, or of the title block if the frame has the size of a paper.
 //!
