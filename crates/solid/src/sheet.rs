@@ -149,12 +149,16 @@ pub struct SheetReading {
 ///         style: LineStyle::Visible,
 ///         entity: format!("line {k}"),
 ///     })
-/// }; // A frame, the front view, and above it the view from above. let frame = rectangle(-10.0, -10.0,
-/// 120.0, 100.0); let sheet: Vec<_> = frame.chain(rectangle(0.0, 0.0, 40.0, 20.0)).chain(rectangle(0.0, 50.0,
-/// 40.0, 30.0)).collect(); let readings = read_sheet(&sheet, &Annotations::default(),
-/// &SheetOptions::default())?; let kinds: Vec<_> = readings[0].views.iter().map(|v| v.kind).collect();
-/// assert_eq!(kinds, [ViewKind::Front, ViewKind::Top]); assert_eq!(readings[0].projection,
-/// Projection::ThirdAngle); assert_eq!(readings[0].set_aside.len(), 4);
+/// };
+/// // A frame, the front view, and above it the view from above.
+/// let frame = rectangle(-10.0, -10.0, 120.0, 100.0);
+/// let (front, top) = (rectangle(0.0, 0.0, 40.0, 20.0), rectangle(0.0, 50.0, 40.0, 30.0));
+/// let sheet: Vec<_> = frame.chain(front).chain(top).collect();
+/// let readings = read_sheet(&sheet, &Annotations::default(), &SheetOptions::default())?;
+/// let kinds: Vec<_> = readings[0].views.iter().map(|v| v.kind).collect();
+/// assert_eq!(kinds, [ViewKind::Front, ViewKind::Top]);
+/// assert_eq!(readings[0].projection, Projection::ThirdAngle);
+/// assert_eq!(readings[0].set_aside.len(), 4);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
