@@ -32,7 +32,7 @@ def command(asked, folder, known, mutated):
     """The command line for a sheet or three plain files, or for a copy with one wrong line."""
     if "traits" in known and "projection" in known["traits"]:
         file = mutated["file"] if mutated else f"{known['name']}.dxf"
-        given = known["traits"]["projection"] if asked.projection == "told" else asked.projection
+        given = known["traits"]["projection"] if asked.projection == "true" else asked.projection
         return [str(folder / file)] + ([] if given == "none" else ["--projection", given])
     files = [known["views"][v]["file"] for v in ("front", "top", "right")]
     if mutated:
@@ -211,7 +211,7 @@ def main():
     reading.add_argument("--most", type=int, default=20, help="solids of each drawing that are compared")
     reading.add_argument("--options", default="", help="more options of `planish solid`")
     reading.add_argument(
-        "--projection", default="told", help="told (the true one), none, or a value of the option"
+        "--projection", default="true", help="true (that of the sheet), none, or a value of the option"
     )
     asked = reading.parse_args()
     if asked.table:

@@ -230,11 +230,11 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         Some(noisy) => noisy.explain(error),
         None => drawing::explain(error, drawing, &job.views),
     };
-    let (ReadDrawing { drawing, sheet, findings: noticed }, found) =
-        search_readings(readings, progress, explain)?;
+    let searched = search_readings(readings, progress, explain)?;
+    let SearchedReading { reading: ReadDrawing { drawing, sheet, findings: noticed }, found, differences } =
+        searched;
     findings.extend(noticed);
-    progress.check("comparing", 0.6)?;
-    let (accepted, refused) = compared_with(&drawing, &found.solutions);
+    let (accepted, refused) = split_by(&differences, &found.solutions);
     let geometry = match (&noisy, accepted.first()) {
         (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
         _ => None,
@@ -301,35 +301,59 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     Ok(report)
 }
 
+/// A reading of a drawing, and what was found for it.
+struct SearchedReading {
+    reading: ReadDrawing,
+    found: Solutions,
+    /// The lines in which each solution differs from the drawing.
+    differences: Vec<Vec<Disagreement>>,
+}
+
+impl SearchedReading {
+    fn is_solved(&self) -> bool {
+        self.differences.iter().any(Vec::is_empty)
+    }
+
+    fn convention(&self) -> Option<&'static str> {
+        self.reading.sheet.as_ref().map(|sheet| sheet.projection)
+    }
+}
+
 /// Searches the readings of a drawing, and returns the first that has a solid, or else the first. If a solid
 /// has the views in the other convention as well, this is a finding.
 fn search_readings(
     readings: Vec<ReadDrawing>,
     progress: &dyn Progress,
     explain: impl Fn(Error, &Drawing) -> Error,
-) -> Result<(ReadDrawing, Solutions)> {
-    let mut first: Option<Result<(ReadDrawing, Solutions)>> = None;
-    let mut solved: Option<(ReadDrawing, Solutions)> = None;
+) -> Result<SearchedReading> {
+    let mut first: Option<Result<SearchedReading>> = None;
+    let mut solved: Option<SearchedReading> = None;
     for reading in readings {
-        let convention = |reading: &ReadDrawing| reading.sheet.as_ref().map(|sheet| sheet.projection);
         // Of the other readings in the convention of the solid, none is as plausible.
-        if solved.as_ref().is_some_and(|(used, _)| convention(used) == convention(&reading)) {
+        let convention = reading.sheet.as_ref().map(|sheet| sheet.projection);
+        if solved.as_ref().is_some_and(|used| used.convention() == convention) {
             continue;
         }
         progress.check("searching", 0.1)?;
         // Errors of the search refer to entities of the drawing. The files are known only to the caller.
         let found = solve(&reading.drawing).map_err(|e| explain(e, &reading.drawing));
-        let is_solved =
-            found.as_ref().is_ok_and(|found| !compared_with(&reading.drawing, &found.solutions).0.is_empty());
-        match (is_solved, &mut solved) {
-            (true, Some((used, _))) => {
-                let open = used.sheet.as_ref().map(sheet::open_convention);
-                used.findings.extend(open);
+        progress.check("comparing", 0.6)?;
+        let searched = found.map(|found| {
+            // The search samples places and can miss one. An independent check by rays decides what is
+            // written (`docs/decisions/0058`).
+            let compared =
+                |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
+            let differences = found.solutions.iter().map(compared).collect();
+            SearchedReading { reading, found, differences }
+        });
+        match (searched, &mut solved) {
+            (Ok(searched), Some(used)) if searched.is_solved() => {
+                used.reading.findings.extend(used.reading.sheet.as_ref().map(sheet::open_convention));
                 break;
             }
-            (true, None) => solved = Some((reading, found?)),
-            (false, _) => {
-                first.get_or_insert_with(|| Ok((reading, found?)));
+            (Ok(searched), None) if searched.is_solved() => solved = Some(searched),
+            (searched, _) => {
+                first.get_or_insert(searched);
             }
         }
     }
@@ -338,13 +362,13 @@ fn search_readings(
 }
 
 /// Splits solutions into those that show exactly the lines of the drawing and those that are refused.
-fn compared_with<'a>(drawing: &Drawing, solutions: &'a [Solution]) -> (Vec<&'a Solution>, Vec<RefusedSolid>) {
+fn split_by<'a>(
+    differences: &[Vec<Disagreement>],
+    solutions: &'a [Solution],
+) -> (Vec<&'a Solution>, Vec<RefusedSolid>) {
     let mut refused = Vec::new();
     let mut accepted: Vec<&Solution> = Vec::new();
-    for solution in solutions {
-        // The search samples places and can miss one. An independent check by rays decides what is written
-        // (`docs/decisions/0058`).
-        let differences = disagreements(&solution.solid, drawing, &ReprojectionOptions::default());
+    for (solution, differences) in solutions.iter().zip(differences) {
         match differences.is_empty() {
             true => accepted.push(solution),
             false => refused.push(RefusedSolid {

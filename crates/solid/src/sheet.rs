@@ -257,9 +257,9 @@ impl<'a> SheetReader<'a> {
     }
 
     fn reading(&self, choice: &Choice, (scale, scale_source): (f64, ScaleSource)) -> SheetReading {
-        let drawing = Drawing {
-            views: choice.views.iter().map(|(kind, group)| self.placed(*kind, group, scale)).collect(),
-        };
+        let views = choice.views.iter().map(|(kind, group)| self.placed(*kind, group)).collect();
+        let drawing = Drawing { views };
+        let drawing = if scale == 1.0 { drawing } else { drawing.scaled(scale) };
         let mut is_used = vec![false; self.curves.len()];
         choice.views.iter().flat_map(|(_, group)| &group.curves).for_each(|k| is_used[*k] = true);
         let reason = |k: usize| match self.reasons[k] {
@@ -291,7 +291,7 @@ impl<'a> SheetReader<'a> {
     }
 
     /// The curves of a group as a view, in the part's coordinates.
-    fn placed(&self, kind: ViewKind, group: &CurveGroup, scale: f64) -> View {
+    fn placed(&self, kind: ViewKind, group: &CurveGroup) -> View {
         // In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all
         // views.
         let is_mirrored = kind == ViewKind::Left;
@@ -305,10 +305,6 @@ impl<'a> SheetReader<'a> {
             curve: self.curves[k].curve.moved(at, is_mirrored),
             ..self.curves[k].clone()
         };
-        let view = View { kind, curves: group.curves.iter().map(moved).collect() };
-        match scale == 1.0 {
-            true => view,
-            false => Drawing { views: vec![view] }.scaled(scale).views.remove(0),
-        }
+        View { kind, curves: group.curves.iter().map(moved).collect() }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Input: views with silhouettes. Output: a closed mesh, and the masks that contradict it.
 //!
-//! Like the visual hull, the surface only bounds the object: it fills hollows and stands off between views.
+//! Like the visual hull, the surface only bounds the object: it fills hollows and is too large between views.
 //! Its vertices have no σ.
 
 use planish_core::{Finding, FindingCode};
