@@ -153,7 +153,7 @@ class Case:
     """A mesh at rest, its true places, points on them, and which vertices are seen."""
 
     def __init__(self, rest, triangles, motion, data, chosen, rng):
-        self.rest, self.triangles, self.sigma = rest, triangles, chosen.sigma
+        self.rest, self.triangles, self.sigma, self.data = rest, triangles, chosen.sigma, data
         places = moved(motion, rest, vertex_normals(rest, triangles), rng)
         self.truth = scanning.Surface(places, triangles)
         self.normals = vertex_normals(places, triangles)
@@ -205,6 +205,10 @@ def planish(chosen, case, folder):
         np.savetxt(file, case.triangles + 1, fmt="f %d %d %d")
     scanning.write_ply(files[1], case.points, np.zeros_like(case.points), chosen.sigma)
     command = [chosen.program, "shell", "fit", files[0], "--points", files[1], "-o", files[2]]
+    if chosen.landmarks:
+        files.append(os.path.join(folder, "landmarks.csv"))
+        command += ["--landmarks", files[3]]
+        write_landmarks(files[3], chosen, case)
     command += ["--unit", "mm", "--json", "--quiet", *chosen.more]
     start = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True)
@@ -234,6 +238,21 @@ def planish(chosen, case, folder):
         "unresolved": report["lack_of_fit"] / chosen.sigma,
         "findings": [finding["code"] for finding in report.get("findings", [])],
     }
+
+
+def write_landmarks(path, chosen, case):
+    """Writes places of the mesh with their true positions, with an error of five σ of a point along each axis."""
+    places = spread_vertices(case.rest, chosen.landmarks)
+    sigma = 5 * chosen.sigma
+    errors = np.random.default_rng(chosen.seed).normal(0, sigma, (len(places), 3))
+    measured = case.truth.vertices[places] + errors
+    if case.data == "gross":
+        # Two landmarks are confused with each other.
+        measured[:2] = measured[1::-1]
+    with open(path, "w") as file:
+        file.write("vertex,x,y,z,sigma\n")
+        for vertex, at in zip(places, measured):
+            file.write(",".join(map(str, [vertex, *at, sigma])) + "\n")
 
 
 def spread_vertices(vertices, count):
@@ -371,6 +390,7 @@ def options():
     found.add_argument("--triangles", type=int, default=5000)
     found.add_argument("--points", type=int, default=6000, help="half of them for `front` (default: 6000)")
     found.add_argument("--sigma", type=float, default=0.1, help="in mm, of objects of 100 mm (default: 0.1)")
+    found.add_argument("--landmarks", type=int, default=0, help="number of landmarks for Planish (default: 0)")
     found.add_argument("--out", default="deformation.jsonl", help="file for all figures")
     found.add_argument("--program", default=os.path.join(ROOT, "target", "release", "planish"))
     chosen, chosen.more = found.parse_known_args()

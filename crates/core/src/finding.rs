@@ -253,6 +253,8 @@ codes! {
     StripWithoutMesh = "strip-without-mesh", Warning: "A strip of occluding contours has no triangles.",
     StripWithoutSpline = "strip-without-spline", Warning:
         "No surface could be fitted to a strip of occluding contours.",
+    LandmarkRejected = "landmark-rejected", Warning:
+        "A landmark contradicts the other readings and was not used.",
     HullBetter = "hull-better", Warning:
         "The visual hull alone agrees better with held-out views than the surface.",
     MasksContradictory = "masks-contradictory", Warning:

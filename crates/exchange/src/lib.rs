@@ -57,6 +57,7 @@
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures | PNG |
 //! | [`raster`] | TIFF, NPY | | values per pixel |
 //! | [`views`] | `views.toml` | cameras with masks, contours and tracks | |
+//! | [`landmarks`] | CSV | measured positions of places of a mesh | |
 //! | [`poses`] | TOML | displacements of controls, keyframes | |
 //! | [`vrip`] | VRIP `.conf` | lists of scans with poses | |
 //! | [`job`] | `job.toml` | sensors and scans | |
@@ -82,6 +83,7 @@ pub mod e57;
 pub mod geotiff;
 pub mod glb;
 pub mod job;
+pub mod landmarks;
 pub mod las;
 pub mod mesh;
 pub mod model;
@@ -107,6 +109,7 @@ mod atomic;
 #[cfg(test)]
 mod budget_tests;
 mod checksum;
+mod columns;
 mod file_kind;
 mod foreign;
 mod georeference;

@@ -1,7 +1,8 @@
 //! Fits a shell to readings: moves control points until the mesh passes through noisy points and touches the
 //! lines of sight of outlines.
 //!
-//! In: a mesh, a deformation, points with covariances, views with outlines, features tracked over views. Out:
+//! In: a mesh, a deformation, points with covariances, views with outlines, features tracked over views,
+//! places of the mesh with measured positions. Out:
 //! the parameters, the camera poses, their covariance, estimated factors on the stated σ, and the outliers
 //! among the readings.
 //!
@@ -32,6 +33,7 @@ mod equations;
 mod folds;
 mod growth;
 mod interpolation;
+mod landmarks;
 mod orientation;
 mod point_selection;
 mod priors;
@@ -51,8 +53,8 @@ mod support;
 mod tracks;
 
 pub use readings::{
-    FeatureObservation, FeatureTrack, OutlineKind, OutlinePoint, PointReading, PoseNoise, ShellReadings,
-    ShellView,
+    FeatureObservation, FeatureTrack, LandmarkReading, OutlineKind, OutlinePoint, PointReading, PoseNoise,
+    ShellReadings, ShellView,
 };
 
 pub use growth::{ControlGrowth, ControlledDeformation, GrownFit, fit_with_growing_controls};
@@ -169,7 +171,7 @@ pub struct SourceFit {
     /// Ratio of the estimated σ to the stated σ.
     pub sigma_factor: f64,
     /// Root mean square of the residuals of the inliers: distances of points, pixels of outlines, multiples
-    /// of σ of tracks.
+    /// of σ of tracks, distances of landmarks along each axis.
     pub rms: f64,
     /// For each reading, true if its weight is (nearly) zero or it has no equation.
     pub outliers: Vec<bool>,
@@ -217,6 +219,8 @@ pub struct ShellFit {
     pub outlines: SourceFit,
     /// Tracks; an outlier is one without any inlying equation.
     pub tracks: SourceFit,
+    /// Landmarks; one with any outlying coordinate is an outlier. Its factor is at least 1.
+    pub landmarks: SourceFit,
     /// Information of the readings about the parameters, without priors, marginalised over the poses.
     pub data_information: DMatrix<f64>,
     /// The information times the parameters that the readings alone favour.
@@ -321,7 +325,7 @@ pub fn fit_shell_with_progress(
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
     check(mesh, deformation, options)?;
-    readings.check()?;
+    readings.check(mesh.positions.len())?;
     starts::solve_from_starts(mesh, deformation, readings, options, watch)
 }
 
@@ -334,7 +338,7 @@ fn fit_from_one_start(
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
     check(mesh, deformation, options)?;
-    readings.check()?;
+    readings.check(mesh.positions.len())?;
     solve::solve(mesh, deformation, readings, options, watch)
 }
 

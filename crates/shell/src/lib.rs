@@ -67,10 +67,10 @@ pub use delaunay::Delaunay;
 pub use field::{FacetShare, Metaball, Shell, ShellDistance, ShellOptions, subdivide_for_spheres};
 pub use fit::{
     ControlGrowth, ControlledDeformation, FacetRoundness, FeatureObservation, FeatureTrack, FrameFit,
-    GrownFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ResumePoint, ShellFit,
-    ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView, SmoothedMotion, SourceFit,
-    VertexResiduals, VertexSupport, fit_points, fit_shell, fit_shell_with_progress,
-    fit_with_growing_controls, stiffness_for_xyz,
+    GrownFit, LandmarkReading, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise,
+    ResumePoint, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView,
+    SmoothedMotion, SourceFit, VertexResiduals, VertexSupport, fit_points, fit_shell,
+    fit_shell_with_progress, fit_with_growing_controls, stiffness_for_xyz,
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};

@@ -21,9 +21,17 @@ Examples:
   planish shell fit ball.ply --silhouettes views.toml --controls 100 -o fitted.ply
   planish shell fit mesh.ply --points cloud.ply --silhouettes views.toml -o fitted.obj
   planish shell fit person.obj --points cloud.ply --rigid head -o fitted.glb
+  planish shell fit person.obj --points cloud.ply --landmarks landmarks.csv -o fitted.glb
   planish shell fit body.ply --sequence frames --controls 40 -o moved.ply
 
 Points are read as by `planish fit`, with σ or covariance if the file has them.
+
+Columns of a CSV file of landmarks, named in its first line:
+  x, y, z            measured position
+  vertex             vertex of the mesh, counted from 0; or instead of it
+  mesh_x, mesh_y, mesh_z
+                     the place, near the surface of the mesh
+  sigma, name        optional
 
 views.toml has a table [[view]] for each view:
   K, R and t, or P   camera: X_camera = R X + t; x right, y down, pixel centres at integers
@@ -54,18 +62,25 @@ pub struct ShellFitArgs {
     mesh: PathBuf,
     /// Points on the target surface; repeatable
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath,
-          required_unless_present_any = ["silhouettes", "sequence"])]
+          required_unless_present_any = ["silhouettes", "landmarks", "sequence"])]
     points: Vec<PathBuf>,
     /// Cameras with masks of the target (views.toml)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     silhouettes: Option<PathBuf>,
+    /// Measured positions of places of the mesh (CSV)
+    ///
+    /// Points say where the surface is, landmarks say which place of it is where. Three or more also bring a
+    /// mesh to its points that starts far away.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    landmarks: Option<PathBuf>,
     /// Folder of frames of a moving object
     ///
-    /// It has a folder for each frame, ordered by name, with views.toml, points.* or both. The meshes are
-    /// written as NAME.FRAME.ply, when a frame has been followed and again when the later frames are known.
+    /// It has a folder for each frame, ordered by name, with views.toml, points.* or landmarks.csv. The meshes
+    /// are written as NAME.FRAME.ply, when a frame has been followed and again when the later frames are
+    /// known.
     // The frames have their own points and views, so files for all of them would be ambiguous.
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath,
-          conflicts_with_all = ["points", "silhouettes"], hide_short_help = true)]
+          conflicts_with_all = ["points", "silhouettes", "landmarks"], hide_short_help = true)]
     sequence: Option<PathBuf>,
     /// Estimate each frame of a sequence from those up to it only
     #[arg(long, requires = "sequence", hide_short_help = true)]
@@ -174,6 +189,7 @@ fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFit
         mesh: args.mesh.clone(),
         points: args.points.clone(),
         silhouettes: args.silhouettes.clone(),
+        landmarks: args.landmarks.clone(),
         sequence: args.sequence.clone(),
         deformation: args.deformation.into(),
         // The parser has limited the number to 1000, so the cast loses nothing.

@@ -11,6 +11,7 @@ mod figures;
 mod frames;
 pub(super) mod input;
 mod inspection;
+mod landmarks;
 mod page;
 mod report;
 mod rough_start;
@@ -69,7 +70,9 @@ pub struct ShellFitJob {
     pub points: Vec<PathBuf>,
     /// Cameras and masks.
     pub silhouettes: Option<PathBuf>,
-    /// Folder with a folder for each frame of a moving object. It replaces points and silhouettes.
+    /// Measured positions of places of the mesh.
+    pub landmarks: Option<PathBuf>,
+    /// Folder with a folder for each frame of a moving object. It replaces points, silhouettes and landmarks.
     pub sequence: Option<PathBuf>,
     /// Kind of deformation.
     pub deformation: DeformationKind,
@@ -116,6 +119,7 @@ impl Default for ShellFitJob {
             mesh: PathBuf::new(),
             points: Vec::new(),
             silhouettes: None,
+            landmarks: None,
             sequence: None,
             deformation: DeformationKind::default(),
             controls: None,
@@ -171,7 +175,8 @@ impl ShellFitJob {
 
 /// The files that the job names, with those of its frames.
 fn inputs_with_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<PathBuf> {
-    let of_frames = frames.iter().flat_map(|frame| frame.points.iter().chain(&frame.silhouettes));
+    let of_frames = (frames.iter())
+        .flat_map(|frame| frame.points.iter().chain(&frame.silhouettes).chain(&frame.landmarks));
     let named = [&job.mesh].into_iter().chain(&job.controls_file).chain(&job.family);
     named.chain(of_frames).cloned().collect()
 }
@@ -184,15 +189,18 @@ fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
             "expected a mesh without a rough start for a sequence: make the rough start from the \
              silhouettes of the first frame alone",
         )),
-        Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => Err(Error::input(
-            "expected points and silhouettes in the folders of the frames of a sequence, \
-                found them as separate inputs",
-        )),
+        Some(_) if !job.points.is_empty() || job.silhouettes.is_some() || job.landmarks.is_some() => {
+            Err(Error::input(
+                "expected points, silhouettes and landmarks in the folders of the frames of a sequence, found \
+                 them as separate inputs",
+            ))
+        }
         Some(folder) => input::frames_of(folder),
         None => Ok(vec![FrameFiles {
             name: String::new(),
             points: job.points.clone(),
             silhouettes: job.silhouettes.clone(),
+            landmarks: job.landmarks.clone(),
         }]),
     }
 }
@@ -245,7 +253,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     for (k, files) in frames.iter().enumerate() {
         let pass = if tracker.is_some() { Pass::Following { smooths } } else { Pass::Fitting };
         let stage = FrameStage { number: k, count: frames.len(), pass, name: &files.name };
-        let frame = run.read_frame(&stage, files, size, &start)?;
+        let frame = run.read_frame(&stage, files, &start)?;
         let mut watch = |at: ShellProgress| stage.report(progress, &at);
         let fitted = match &mut tracker {
             Some(tracker) => tracker.follow_with_progress(&frame.readings(), &mut watch),
@@ -364,15 +372,9 @@ impl Run<'_> {
     }
 
     /// Reads the points and views of a frame; those of the first are compared with the mesh.
-    fn read_frame(
-        &mut self,
-        stage: &FrameStage<'_>,
-        files: &FrameFiles,
-        size: f64,
-        start: &Start,
-    ) -> Result<Frame> {
+    fn read_frame(&mut self, stage: &FrameStage<'_>, files: &FrameFiles, start: &Start) -> Result<Frame> {
         self.progress.check(stage.title(), stage.share(0.0))?;
-        let frame = Frame::read(self.job, files, size, &mut self.units, &mut self.findings)?;
+        let frame = Frame::read(self.job, files, &start.mesh, &mut self.units, &mut self.findings)?;
         self.inputs.extend(frame.files.iter().cloned());
         // Only the first frame can be compared with the given mesh. Later ones may have moved far from it.
         if stage.number == 0 {
@@ -418,8 +420,9 @@ impl Run<'_> {
         let measured: Vec<f64> =
             (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
         // Sources without readings are absent from the report.
-        let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::from_source);
-        let [points, outlines, tracks] = of;
+        let sources = [&fit.points, &fit.outlines, &fit.tracks, &fit.landmarks];
+        let of = sources.map(ReadingsReport::from_source);
+        let [points, outlines, tracks, landmarks] = of;
         let mut done = ShellFitReport {
             rms_points: points.map(|r| r.rms),
             rms_silhouettes_px: outlines.map(|r| r.rms),
@@ -435,6 +438,7 @@ impl Run<'_> {
             points,
             outlines,
             tracks,
+            landmarks,
             poses: report::poses(&frame, &fit),
             observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
             sigma: SigmaSummary::from_values(measured),
@@ -455,6 +459,7 @@ impl Run<'_> {
             findings: self.findings.into_iter().chain(self.unfollowed.into_iter().flatten()).collect(),
         };
         let trusts_sigma = self.job.believe_sigma;
+        done.findings.extend(inspection::rejected_landmarks(&fit, &frame, self.units.unit()));
         let outcome =
             inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, trusts_sigma);
         done.findings.extend(outcome);

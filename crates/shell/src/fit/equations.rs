@@ -37,10 +37,14 @@ pub(super) enum Source {
     Region,
     /// A feature seen in several views.
     Track,
+    /// A place of the mesh with a measured position.
+    Landmark,
+    /// The same in a coarse stage, where the mesh may still be far from it.
+    DistantLandmark,
 }
 
 /// Number of kinds with their own factor of σ; regions share that of outlines.
-pub(super) const SCALES: usize = 3;
+pub(super) const SCALES: usize = 4;
 
 impl Source {
     pub(super) fn scale(self) -> usize {
@@ -48,14 +52,15 @@ impl Source {
             Self::Point => 0,
             Self::Outline | Self::Region => 1,
             Self::Track => 2,
+            Self::Landmark | Self::DistantLandmark => 3,
         }
     }
 
-    /// The loss of this kind. Regions use one that never rejects, because a part far outside of a mask is no
-    /// outlier of the mask.
+    /// The loss of this kind. Regions and distant landmarks use one that never rejects: a part far outside of a
+    /// mask is no outlier of the mask.
     pub(super) fn loss(self, default: &Loss) -> Loss {
         match self {
-            Self::Region => Loss::huber(),
+            Self::Region | Self::DistantLandmark => Loss::huber(),
             _ => *default,
         }
     }

@@ -25,6 +25,7 @@
 //! Mistakes of correspondence, such as a part on the wrong side of a sheet, are not removed by more controls.
 
 use super::comparison::is_better;
+use super::landmarks::with_landmark_start;
 use super::readings::ShellReadings;
 use super::starts::{follows, other_start, parameters_at};
 use super::support::VertexResiduals;
@@ -166,12 +167,17 @@ pub fn fit_with_growing_controls(
             made = in_pose(made, mesh, controls, pose);
         }
         let ControlledDeformation { deformation, stiffness, rigidity } = made;
-        let mut options = ShellFitOptions { stiffness, rigidity, ..options.clone() };
+        let resumes = matches!(begin, Begin::Resume(_));
+        let given = ShellFitOptions { stiffness, rigidity, ..options.clone() };
+        let mut options = given.clone();
         match (begin, pose) {
             (Begin::Resume(resume), _) => options.resume = Some(resume),
             // A pose would deform rigid parts.
             (Begin::Given, Some(pose)) if has_parts => {
                 options.initial = Some(parameters_at(mesh, &*deformation, pose)?);
+            }
+            (Begin::Given, None) => {
+                options = with_landmark_start(mesh, &*deformation, readings, &given, watch)?;
             }
             _ => {}
         }
@@ -183,8 +189,8 @@ pub fn fit_with_growing_controls(
         })?;
         iterations += fit.iterations;
         let other = match pose {
-            None => other_start(mesh, readings, &options, &fit)?,
-            Some(_) => None,
+            None if !resumes => other_start(mesh, readings, &given, &fit)?,
+            _ => None,
         };
         Ok::<_, planish_estimate::Error>((deformation, fit, other))
     };

@@ -10,8 +10,10 @@
 //! - A pixel inside a mask must hit: the same minimum is an equation while its sign is wrong. A pixel outside
 //!   must not hit: the surface that it hits is moved to the nearest border in the image.
 //! - A track: [`super::tracks`].
+//! - A landmark: [`super::landmarks`].
 
 use super::equations::{ByVertex, Equations, SCALES, Source};
+use super::landmarks;
 use super::readings::{OutlineKind, OutlinePoint, ShellReadings};
 use super::sheets::Sheets;
 use super::sight::{DistanceSource, Sight, Touch};
@@ -165,11 +167,15 @@ impl Problem<'_> {
             work.extend(pieces(view.outside.len(), LINES).map(|(a, b)| Work::Outside(v, a, b)));
         }
         work.extend(pieces(self.readings.tracks.len(), LINES).map(|(a, b)| Work::Tracks(a, b)));
-        Ok((work.into_par_iter())
+        let mut all: Vec<Equations> = (work.into_par_iter())
             .map_init(Gathered::default, |gathered, work| {
                 self.work(work, state, &shell, sight.as_ref(), weighing, gathered)
             })
-            .collect())
+            .collect();
+        if !self.readings.landmarks.is_empty() {
+            all.push(landmarks::equations(self.readings.landmarks, &own.positions, self.by_sheets));
+        }
+        Ok(all)
     }
 
     fn work(

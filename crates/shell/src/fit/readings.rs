@@ -96,6 +96,19 @@ pub struct FeatureTrack {
     pub sigma_surface: f64,
 }
 
+/// A place of the mesh and its measured position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LandmarkReading {
+    /// Vertices of the mesh around the place.
+    pub vertices: [u32; 3],
+    /// Their weights, with the sum 1.
+    pub weights: [f64; 3],
+    /// The measured position.
+    pub at: DVec3,
+    /// Its covariance.
+    pub covariance: SymmetricMatrix3,
+}
+
 /// All readings of a fit.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ShellReadings<'a> {
@@ -105,15 +118,31 @@ pub struct ShellReadings<'a> {
     pub views: &'a [ShellView],
     /// Features tracked over views.
     pub tracks: &'a [FeatureTrack],
+    /// Places of the mesh with measured positions.
+    pub landmarks: &'a [LandmarkReading],
 }
 
 impl ShellReadings<'_> {
-    pub(super) fn check(&self) -> Result<()> {
+    /// Checks the readings of a mesh with a number of vertices.
+    pub(super) fn check(&self, vertices: usize) -> Result<()> {
         let outlines: usize = self.views.iter().map(|view| view.outline.len()).sum();
-        if self.points.is_empty() && outlines == 0 && self.tracks.is_empty() {
+        let without_outlines = self.points.is_empty() && self.tracks.is_empty() && self.landmarks.is_empty();
+        if without_outlines && outlines == 0 {
             return Err(Error::undetermined(
-                "expected points, outlines or tracks for a shell fit, found none",
+                "expected points, outlines, tracks or landmarks for a shell fit, found none",
             ));
+        }
+        for (i, landmark) in self.landmarks.iter().enumerate() {
+            let SymmetricMatrix3 { xx, yy, zz, .. } = landmark.covariance;
+            let is_finite = landmark.at.is_finite() && landmark.covariance.is_finite();
+            let is_on_mesh = landmark.vertices.iter().all(|v| (*v as usize) < vertices)
+                && (landmark.weights.iter().sum::<f64>() - 1.0).abs() < 1e-6;
+            if !is_finite || !is_on_mesh || xx.min(yy).min(zz) < 0.0 || xx + yy + zz <= 0.0 {
+                return Err(Error::input(format!(
+                    "landmark {i}: expected a place on the mesh, a finite position and a positive variance, \
+                     found {landmark:?}"
+                )));
+            }
         }
         // Single directions may be exact, such as heights of a grid; a point without any error would have
         // infinite weight.

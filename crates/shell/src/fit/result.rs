@@ -8,6 +8,7 @@ use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
 use super::interpolation::{CloserControls, FitSmoothness, noise_vectors};
 use super::priors::Priors;
 use super::problem::State;
+use super::readings::LandmarkReading;
 use super::residual_leverage::{Signs, leverage_of_signs};
 use super::roundness::{Roundness, roundness};
 use super::strain::strained_share;
@@ -110,6 +111,7 @@ pub(super) fn finished(
         points: fit_of(Source::Point, readings.points.len()),
         outlines: fit_of(Source::Outline, outlines),
         tracks: fit_of(Source::Track, readings.tracks.len()),
+        landmarks: fit_of(Source::Landmark, readings.landmarks.len()),
         pose_covariances: pose_covariances(&covariance, priors, &state),
         parameters: state.q,
         cameras: state.cameras,
@@ -291,10 +293,11 @@ fn source_fit(
     factors: &[f64; SCALES],
     priors: &Priors<'_>,
 ) -> SourceFit {
-    let sigmas_px: Vec<f64> = match source {
+    let units: Vec<f64> = match source {
         Source::Outline => (priors.readings.views.iter())
             .flat_map(|view| view.outline.iter().map(|place| place.sigma_px))
             .collect(),
+        Source::Landmark => priors.readings.landmarks.iter().map(LandmarkReading::sigma).collect(),
         _ => Vec::new(),
     };
     let factor = factors[source.scale()];
@@ -311,11 +314,18 @@ fn source_fit(
         }
         let residual = match source {
             Source::Point => equation.distance,
-            Source::Outline => equation.normalized() * sigmas_px[reading],
+            Source::Outline | Source::Landmark => equation.normalized() * units[reading],
             _ => equation.normalized(),
         };
         squares += residual * residual;
         kept += 1;
+    }
+    if source == Source::Landmark {
+        // A landmark is an outlier if any of its coordinates is.
+        for e in equations.iter().flat_map(|some| &some.list).filter(|e| e.source == source) {
+            outliers[e.reading as usize] |=
+                priors.options.loss.weight(e.normalized() / factor) < OUTLIER_WEIGHT;
+        }
     }
     SourceFit { sigma_factor: factor, rms: (squares / kept.max(1) as f64).sqrt(), outliers }
 }

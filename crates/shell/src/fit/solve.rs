@@ -512,7 +512,8 @@ fn is_converged(length: f64, before: f64, coarse: bool) -> bool {
 fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[f64; SCALES]> {
     let mut of_scale: [Vec<f64>; SCALES] = Default::default();
     for equation in equations.iter().flat_map(|some| &some.list) {
-        if equation.source != Source::Region && equation.is_likely() {
+        let is_judged = !matches!(equation.source, Source::Region | Source::DistantLandmark);
+        if is_judged && equation.is_likely() {
             of_scale[equation.source.scale()].push(equation.normalized());
         }
     }
@@ -521,13 +522,14 @@ fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[
     // variance.
     let redundancy = (1.0 - used / count.max(1.0)).max(0.5);
     let mut factors = before;
-    for (factor, residuals) in factors.iter_mut().zip(of_scale) {
+    for (kind, (factor, residuals)) in factors.iter_mut().zip(of_scale).enumerate() {
         if residuals.len() >= MIN_SCALE_RESIDUALS {
             // Outliers are excluded by a gate, because their share would otherwise increase σ, which admits
             // more of them.
             let sigma = gated_scale(&residuals, SCALE_GATE)?.sigma / redundancy.sqrt();
             if sigma > 0.0 {
-                *factor = sigma;
+                // Few landmarks agree by chance better than their σ, and the mesh then follows them exactly.
+                *factor = if kind == Source::Landmark.scale() { sigma.max(1.0) } else { sigma };
             }
         }
     }

@@ -10,6 +10,7 @@
 
 use super::comparison::is_better;
 use super::dense::Factor;
+use super::landmarks::with_landmark_start;
 use super::solve::solve;
 use super::{ShellFit, ShellFitOptions, ShellProgress, ShellReadings, undetermined};
 use crate::articulation::far_pose;
@@ -41,7 +42,8 @@ pub(super) fn solve_from_starts(
     options: &ShellFitOptions,
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
-    let first = solve(mesh, deformation, readings, options, watch)?;
+    let near = with_landmark_start(mesh, deformation, readings, options, watch)?;
+    let first = solve(mesh, deformation, readings, &near, watch)?;
     let Some(pose) = other_start(mesh, readings, options, &first)? else { return Ok(first) };
     let initial = Some(parameters_at(mesh, deformation, &pose)?);
     let options = ShellFitOptions { initial, ..options.clone() };

@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 mod growth;
+mod landmarks;
 mod outlines;
 mod oversized_plate;
 mod roundness;

@@ -40,7 +40,7 @@ pub fn text(report: &ShellFitReport) -> String {
     lines.into_text()
 }
 
-/// A table of points, outlines and tracks.
+/// A table of the kinds of readings.
 fn readings(lines: &mut Lines, report: &ShellFitReport) {
     let unit = report.unit;
     // Each kind has its own unit, so the unit is in the cell and not in the heading.
@@ -59,6 +59,7 @@ fn readings(lines: &mut Lines, report: &ShellFitReport) {
         row("points", &report.points, &unit.to_string()),
         row("outlines", &report.outlines, "px"),
         row("tracks", &report.tracks, "σ"),
+        row("landmarks", &report.landmarks, &unit.to_string()),
     ]
     .into_iter()
     .flatten()

@@ -16,7 +16,8 @@ pub struct ReadingsReport {
     pub count: usize,
     /// Number of gross errors among them.
     pub outliers: usize,
-    /// Root mean square of the other residuals: distances of points, pixels of outlines, σ of tracks.
+    /// Root mean square of the other residuals: distances of points, pixels of outlines, σ of tracks, distances
+    /// of landmarks along each axis.
     pub rms: f64,
     /// Ratio of their estimated to their stated σ.
     pub sigma_factor: f64,
@@ -113,6 +114,9 @@ pub struct ShellFitReport {
     /// Tracked features.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracks: Option<ReadingsReport>,
+    /// Landmarks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub landmarks: Option<ReadingsReport>,
     /// Poses of cameras that were estimated.
     pub poses: Vec<CameraPoseReport>,
     /// σ of the vertices that were measured, along normals.

@@ -170,7 +170,7 @@ impl Run<'_> {
             let stage = FrameStage { number, count: earlier.len(), pass: Pass::Smoothing, name: &files.name };
             progress.check(stage.title(), stage.share(0.0)).map_err(|e| stage.in_frame(e))?;
             // The findings about its files are known from the first time.
-            let frame = Frame::read(self.job, files, of_mesh.size, &mut self.units, &mut Vec::new())?;
+            let frame = Frame::read(self.job, files, &of_mesh.start.mesh, &mut self.units, &mut Vec::new())?;
             let fitted = smoothed.fit(number, &frame.readings(), &mut |at| stage.report(progress, &at));
             if let Some(fit) = fitted.map_err(|e| stage.in_frame(e))? {
                 self.take(&stage, of_mesh, frame, fit, None)?;

@@ -1,7 +1,7 @@
 //! Reads the inputs of a shell fit from files.
 
 use super::super::pose::{DEFAULT_BLEND, part_vertices};
-use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
+use super::{DeformationKind, NEIGHBOURS, ShellFitJob, landmarks};
 use nalgebra::{DMatrix, DVector};
 use planish_core::{DVec3, Finding, FindingCode, Setting, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
@@ -13,10 +13,10 @@ use planish_mesh::TriangleMesh;
 use planish_report::numbers::counted;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
-    ControlGrowth, Controls, Deformation, Dirichlet, FeatureObservation, FeatureTrack, Lattice, LatticeBasis,
-    Modes, OutlineKind, OutlinePoint, ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts,
-    Rigidity, ShellReadings, ShellView, VertexDisplacements, automatic_controls, nearest_pairs, stiffness,
-    stiffness_for_xyz,
+    ControlGrowth, Controls, Deformation, Dirichlet, FeatureObservation, FeatureTrack, LandmarkReading,
+    Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint, ParameterPrior, PartMotion, PointReading,
+    RigidPart, RigidParts, Rigidity, ShellReadings, ShellView, VertexDisplacements, automatic_controls,
+    nearest_pairs, stiffness, stiffness_for_xyz,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -46,6 +46,7 @@ pub(super) struct FrameFiles {
     pub name: String,
     pub points: Vec<PathBuf>,
     pub silhouettes: Option<PathBuf>,
+    pub landmarks: Option<PathBuf>,
 }
 
 /// The readings of one frame.
@@ -57,23 +58,31 @@ pub(super) struct Frame {
     pub masks: Vec<Option<Silhouette>>,
     pub fitted: Vec<ShellView>,
     pub tracks: Vec<FeatureTrack>,
+    pub landmarks: Vec<LandmarkReading>,
+    pub landmark_names: Vec<String>,
     /// Files that were read in addition to the given ones.
     pub files: Vec<PathBuf>,
 }
 
 impl Frame {
     pub(super) fn readings(&self) -> ShellReadings<'_> {
-        ShellReadings { points: &self.points, views: &self.fitted, tracks: &self.tracks }
+        ShellReadings {
+            points: &self.points,
+            views: &self.fitted,
+            tracks: &self.tracks,
+            landmarks: &self.landmarks,
+        }
     }
 
-    /// Reads the files of a frame; `size` is the mesh's.
+    /// Reads the files of a frame, for a mesh.
     pub(super) fn read(
         job: &ShellFitJob,
         files: &FrameFiles,
-        size: f64,
+        mesh: &TriangleMesh,
         units: &mut Units,
         findings: &mut Vec<Finding>,
     ) -> Result<Self> {
+        let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
         let (points, states_sigma) = read_points(job, &files.points, size, units, findings)?;
         let mut read = Vec::new();
         let views = match &files.silhouettes {
@@ -87,7 +96,13 @@ impl Frame {
             None => Views { views: Vec::new(), tracks: Vec::new(), unit: None, files: Vec::new() },
         };
         let masks = read_masks(&views, job)?;
+        let (landmarks, landmark_names) = match &files.landmarks {
+            Some(path) => landmarks::read(path, mesh, size, findings)?,
+            None => (Vec::new(), Vec::new()),
+        };
         Ok(Self {
+            landmarks,
+            landmark_names,
             points,
             states_sigma,
             fitted: (views.views.iter().zip(&masks))
@@ -117,7 +132,7 @@ impl Frame {
     }
 }
 
-/// The frames of a folder: its folders by name, each with `views.toml`, files `points.*`, or both.
+/// The frames of a folder: its folders by name, each with `views.toml`, files `points.*` or `landmarks.csv`.
 pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
     let mut frames = Vec::new();
     // Frames follow the order of names. Files beside the folders are allowed, for example the mesh.
@@ -128,16 +143,18 @@ pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
         };
         for file in paths_in(&path)? {
             let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            if name == "views.toml" {
+            if name == "landmarks.csv" {
+                frame.landmarks = Some(file);
+            } else if name == "views.toml" {
                 frame.silhouettes = Some(file);
             } else if name.starts_with("points.") {
                 frame.points.push(file);
             }
         }
         // An error, because a misnamed file would otherwise leave a frame without readings unnoticed.
-        if frame.silhouettes.is_none() && frame.points.is_empty() {
+        if frame.silhouettes.is_none() && frame.points.is_empty() && frame.landmarks.is_none() {
             return Err(Error::input(format!(
-                "{}: expected views.toml or points.* in the folder of a frame",
+                "{}: expected views.toml, points.* or landmarks.csv in the folder of a frame",
                 path.display()
             )));
         }

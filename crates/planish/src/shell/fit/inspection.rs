@@ -22,6 +22,8 @@ const MIN_SIZE_RATIO: f64 = 1.0 / 100.0;
 /// Maximum median distance of the points from the mesh, relative to its size. Fits start from within a tenth;
 /// beyond a quarter, frames or units differ.
 const MAX_MEDIAN_DISTANCE: f64 = 0.25;
+/// Number of landmarks that determine a position and a rotation.
+const MIN_LANDMARKS: usize = 3;
 /// Approximate number of points that are sampled for distances.
 const DISTANCE_SAMPLES: usize = 1000;
 /// One in this many points is ignored at each end of each axis: a few outliers must not decide the size.
@@ -75,6 +77,10 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
              {size_text} {unit}: check the units"
         ))
         .with_setting(Setting::Unit));
+    }
+    // Landmarks bring the mesh to its points.
+    if frame.landmarks.len() >= MIN_LANDMARKS {
+        return Ok(());
     }
     let search = MeshSearch::try_new(mesh)?;
     // A median of a thousand distances is accurate enough for a limit of a quarter of the size.
@@ -292,6 +298,23 @@ fn unfollowed_distance(fit: &ShellFit, frame: &Frame) -> f64 {
     });
     let variances: f64 = frame.points.iter().map(|p| p.covariance.trace() / 3.0).sum();
     (sums.0 / sums.1.max(1.0) * variances / frame.points.len().max(1) as f64).sqrt()
+}
+
+/// A finding for each landmark that was rejected.
+pub(super) fn rejected_landmarks(fit: &ShellFit, frame: &Frame, unit: Unit) -> Vec<Finding> {
+    let rejected = fit.landmarks.outliers.iter().zip(&frame.landmarks).zip(&frame.landmark_names);
+    (rejected.filter(|((outlier, _), _)| **outlier))
+        .map(|((_, landmark), name)| {
+            let place = (landmark.vertices.iter().zip(landmark.weights))
+                .fold(DVec3::ZERO, |sum, (v, weight)| sum + weight * fit.positions[*v as usize]);
+            let text = format!(
+                "landmark {name}: its place on the fitted mesh is {} {unit} away from the measured position, \
+                 much more than its σ: it was not used; check its place and σ",
+                significant(place.distance(landmark.at), 3)
+            );
+            Finding::new(FindingCode::LandmarkRejected, text)
+        })
+        .collect()
 }
 
 /// A finding if the residuals contradict the stated σ.

@@ -81,9 +81,14 @@ fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
     values.sum::<f64>() / n
 }
 
-fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
+fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 4] {
     // `input_section` selects the unit of a row by these names.
-    [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
+    [
+        ("points", &report.points),
+        ("outlines", &report.outlines),
+        ("tracks", &report.tracks),
+        ("landmarks", &report.landmarks),
+    ]
 }
 
 fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
@@ -144,7 +149,7 @@ fn input_section(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
                 count(of.count),
                 count(of.outliers),
                 match what {
-                    "points" => unit.text(of.rms),
+                    "points" | "landmarks" => unit.text(of.rms),
                     "outlines" => format!("{} px", significant(of.rms, 3)),
                     _ => format!("{} σ", significant(of.rms, 3)),
                 },

@@ -123,7 +123,7 @@ pub(super) fn rough_start_mesh(
 ) -> Result<RoughStartMesh> {
     let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
     // The findings of this reading are dropped, because the fit reads the views again.
-    let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
+    let frame = Frame::read(job, &files, &mesh, units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
     let domain = WidenedSilhouettes { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
     let cameras: Vec<_> = frame.views.iter().map(|view| view.camera).collect();

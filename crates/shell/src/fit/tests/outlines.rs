@@ -159,7 +159,7 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
     let given: Vec<Camera> = views.iter().map(|view| view.camera).collect();
     let before = poses_off(&given[2..], &cameras[2..]);
     for tracks in [&[][..], &tracks] {
-        let readings = ShellReadings { points: &[], views: &views, tracks };
+        let readings = ShellReadings { views: &views, tracks, ..ShellReadings::default() };
         let made = fit_shell(&truth.mesh, &truth.deformation, &readings, &options).unwrap();
         let off = heights(&truth, &made.positions);
         let after = poses_off(&made.cameras[2..], &cameras[2..]);
@@ -265,7 +265,7 @@ fn derivatives_agree_with_differences() {
             })
             .collect();
         let tracks = [FeatureTrack { observations: tracked, sigma_surface: 0.01 }];
-        let readings = ShellReadings { points: &points, views: &own, tracks: &tracks };
+        let readings = ShellReadings { points: &points, views: &own, tracks: &tracks, landmarks: &[] };
         let problem = Problem {
             mesh: &mesh,
             origins: None,

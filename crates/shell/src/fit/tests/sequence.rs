@@ -64,8 +64,11 @@ fn a_moving_object_is_tracked() {
                         covariance: SymmetricMatrix3::isotropic(1e-4),
                     })
                     .collect();
-            let readings =
-                ShellReadings { points: if with_points { &points } else { &[] }, views: &views, tracks: &[] };
+            let readings = ShellReadings {
+                points: if with_points { &points } else { &[] },
+                views: &views,
+                ..ShellReadings::default()
+            };
             let search = MeshSearch::try_new(&truth).unwrap();
             let off = |positions: &[DVec3]| {
                 rms(&positions.iter().map(|p| search.closest(*p).unwrap().distance).collect::<Vec<_>>())
