@@ -100,7 +100,7 @@ codes! {
         "The maximum number of coefficients was reached before the residuals were noise.",
     SurfaceNotFollowing = "surface-not-following", Warning:
         "The surface does not follow all readings: an edge, a handle, a thin part or a wrong shape.",
-    UnresolvedShape = "unresolved-shape", Warning: "The cells are too large for part of the shape.",
+    UnresolvedShape = "unresolved-shape", Warning: "The cells or controls are too far apart for part of the shape.",
     PatchErrorsCorrelated = "patch-errors-correlated", Warning:
         "Residuals in some patches are correlated at the maximum depth.",
     SurfaceFolded = "surface-folded", Warning:
@@ -253,6 +253,7 @@ codes! {
     StripWithoutMesh = "strip-without-mesh", Warning: "A strip of occluding contours has no triangles.",
     StripWithoutSpline = "strip-without-spline", Warning:
         "No surface could be fitted to a strip of occluding contours.",
+    ReadingsSparse = "readings-sparse", Warning: "There are few readings for the shapes that were asked for.",
     LandmarkRejected = "landmark-rejected", Warning:
         "A landmark contradicts the other readings and was not used.",
     HullBetter = "hull-better", Warning:

@@ -25,6 +25,7 @@ pub use rigid::{PartMotion, RigidPart, RigidParts};
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// A map from parameters to the displacements of all vertices.
 pub trait Deformation: Sync {
@@ -86,11 +87,8 @@ pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<DVe
     (0..deformation.vertices() as u32)
         .into_par_iter()
         .map(|vertex| {
-            DVec3::from_array([DVec3::X, DVec3::Y, DVec3::Z].map(|direction| {
-                let mut sum = 0.0;
-                deformation.row(vertex, direction, &mut |k, entry| sum += entry * basis[k]);
-                sum
-            }))
+            let along = |direction| row_product(deformation, vertex, direction, &basis);
+            DVec3::from_array(DVec3::AXES.map(along))
         })
         .collect()
 }
@@ -126,6 +124,60 @@ pub fn parameter_row(deformation: &dyn Deformation, vertex: u32, direction: DVec
         Some(reduction) => reduction.tr_mul(&row),
         None => row,
     }
+}
+
+/// Quadratic forms `rᵀ C r` of rows `r = dᵀ ∂V_v/∂q` with a symmetric matrix of the parameters, such as the
+/// variance of a vertex along a direction.
+///
+/// Rows over the basis have few entries, so that the matrix is transformed once for all vertices.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DMatrix;
+/// use planish_core::DVec3;
+/// use planish_shell::{RowForms, VertexDisplacements};
+/// let deformation = VertexDisplacements::new(&[DVec3::ZERO]);
+/// let forms = RowForms::new(&deformation, &DMatrix::from_diagonal_element(3, 3, 4.0));
+/// assert_eq!(forms.at(0, DVec3::Y), 4.0);
+/// ```
+pub struct RowForms<'a> {
+    deformation: &'a dyn Deformation,
+    of_basis: Cow<'a, DMatrix<f64>>,
+}
+
+impl<'a> RowForms<'a> {
+    /// The forms with a matrix of the parameters.
+    #[must_use]
+    pub fn new(deformation: &'a dyn Deformation, matrix: &'a DMatrix<f64>) -> Self {
+        let of_basis = match deformation.reduction() {
+            Some(reduction) => Cow::Owned(reduction * matrix * reduction.transpose()),
+            None => Cow::Borrowed(matrix),
+        };
+        Self { deformation, of_basis }
+    }
+
+    /// The form at a vertex along a direction.
+    #[must_use]
+    pub fn at(&self, vertex: u32, direction: DVec3) -> f64 {
+        let mut row = Vec::new();
+        self.deformation.row(vertex, direction, &mut |k, entry| row.push((k, entry)));
+        let times = |(k, entry): &(usize, f64)| {
+            entry * row.iter().map(|(j, other)| other * self.of_basis[(*j, *k)]).sum::<f64>()
+        };
+        row.iter().map(times).sum()
+    }
+}
+
+/// The product of a row with a vector over the basis ([`in_basis`]).
+pub(crate) fn row_product(
+    deformation: &dyn Deformation,
+    vertex: u32,
+    direction: DVec3,
+    basis: &DVector<f64>,
+) -> f64 {
+    let mut sum = 0.0;
+    deformation.row(vertex, direction, &mut |k, entry| sum += entry * basis[k]);
+    sum
 }
 
 /// The parameters in the basis of the rows.

@@ -51,6 +51,7 @@ mod starts;
 mod strain;
 mod support;
 mod tracks;
+mod weight_spread;
 
 pub use readings::{
     FeatureObservation, FeatureTrack, LandmarkReading, OutlineKind, OutlinePoint, PointReading, PoseNoise,
@@ -113,7 +114,7 @@ pub struct ShellFitOptions {
     /// σ of the initial position of each control, in the unit of the mesh, if the start is known to be near.
     ///
     /// It limits the smoothness weight to what displacements of this size allow, and the first stage has no
-    /// extra stiffness. Use it for a start computed from the readings themselves: its agreement with them is
+    /// extra stiffness without a rigidity. Use it for a start computed from the readings themselves: its agreement with them is
     /// no evidence that it is correct.
     pub start_sigma: Option<f64>,
     /// State from which the fit continues. It skips the coarsest fields.
@@ -168,7 +169,8 @@ pub struct ParameterPrior {
 /// Residuals of one kind of readings after the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceFit {
-    /// Ratio of the estimated σ to the stated σ.
+    /// Ratio of the σ that the residuals indicate to the stated σ. The fit used it unless the stated σ hold
+    /// ([`ShellFitOptions::believe_sigma`]).
     pub sigma_factor: f64,
     /// Root mean square of the residuals of the inliers: distances of points, pixels of outlines, multiples
     /// of σ of tracks, distances of landmarks along each axis.

@@ -60,7 +60,7 @@ pub use controls::{
     ControlSampling, Controls, automatic_controls, automatic_controls_skipping, nearest_pairs, stiffness,
 };
 pub use deformation::{
-    Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts,
+    Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, RowForms,
     VertexDisplacements, displaced_positions, displacements, parameter_row,
 };
 pub use delaunay::Delaunay;

@@ -231,7 +231,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         believe_sigma: job.believe_sigma,
         stiffness,
         // Outlines alone and rough starts have been tested with the stiffness only.
-        rigidity: rigidity.filter(|_| !job.rough_start && !job.points.is_empty()),
+        rigidity: rigidity.filter(|_| !job.rough_start && frames.iter().any(|f| !f.points.is_empty())),
         prior,
         iterations: 20,
         ..match job.rough_start {

@@ -25,7 +25,7 @@
 //! Mistakes of correspondence, such as a part on the wrong side of a sheet, are not removed by more controls.
 
 use super::comparison::is_better;
-use super::landmarks::with_landmark_start;
+use super::landmarks::{median_distance, with_landmark_start};
 use super::readings::ShellReadings;
 use super::starts::{follows, other_start, parameters_at};
 use super::support::VertexResiduals;
@@ -63,6 +63,8 @@ const REMAINING_ERROR: f64 = 1.0 / 3.0;
 const MIN_LEFT: f64 = 0.75;
 /// Number of vertices over which squared changes are averaged. Single changes are zero by chance.
 const CHANGE_NEIGHBOURS: usize = 12;
+/// σ of a normal distribution over the median of its absolute values.
+const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// Numbers of controls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ControlGrowth {
@@ -105,6 +107,22 @@ enum Begin {
     Given,
     /// At the end of an earlier fit.
     Resume(ResumePoint),
+}
+
+/// A pose from which displacements count.
+struct Start {
+    positions: Vec<DVec3>,
+    /// σ of each coordinate. The pose was found from the points, so that a fit that hardly differs from it where
+    /// there are points is no evidence that it is right elsewhere.
+    sigma: f64,
+}
+
+impl Start {
+    /// A pose whose σ is that of its distances from the points.
+    fn new(mesh: &TriangleMesh, positions: Vec<DVec3>, readings: &ShellReadings<'_>) -> Result<Self> {
+        let sigma = SIGMA_OF_MEDIAN * median_distance(mesh, &positions, readings.points)?;
+        Ok(Self { positions, sigma })
+    }
 }
 
 /// Fits a mesh to readings with few controls first, and adds controls where the mesh does not follow its
@@ -160,21 +178,23 @@ pub fn fit_with_growing_controls(
 ) -> Result<GrownFit> {
     let mut sampling = ControlSampling::new(controlled, growth.initial, 0)?;
     let mut iterations = 0;
-    let mut fit_of = |controls: &Controls, pose: Option<&[DVec3]>, begin: Begin, round: usize| {
+    let mut fit_of = |controls: &Controls, pose: Option<&Start>, begin: Begin, round: usize| {
         let mut made = build(controls)?;
         let has_parts = made.deformation.parameters() > 3 * controls.points.len();
-        if let Some(pose) = pose.filter(|_| !has_parts) {
-            made = in_pose(made, mesh, controls, pose);
+        let counted = pose.filter(|_| !has_parts);
+        if let Some(pose) = counted {
+            made = in_pose(made, mesh, controls, &pose.positions);
         }
         let ControlledDeformation { deformation, stiffness, rigidity } = made;
         let resumes = matches!(begin, Begin::Resume(_));
-        let given = ShellFitOptions { stiffness, rigidity, ..options.clone() };
+        let start_sigma = counted.map(|pose| pose.sigma).or(options.start_sigma);
+        let given = ShellFitOptions { stiffness, rigidity, start_sigma, ..options.clone() };
         let mut options = given.clone();
         match (begin, pose) {
             (Begin::Resume(resume), _) => options.resume = Some(resume),
             // A pose would deform rigid parts.
             (Begin::Given, Some(pose)) if has_parts => {
-                options.initial = Some(parameters_at(mesh, &*deformation, pose)?);
+                options.initial = Some(parameters_at(mesh, &*deformation, &pose.positions)?);
             }
             (Begin::Given, None) => {
                 options = with_landmark_start(mesh, &*deformation, readings, &given, watch)?;
@@ -189,7 +209,10 @@ pub fn fit_with_growing_controls(
         })?;
         iterations += fit.iterations;
         let other = match pose {
-            None if !resumes => other_start(mesh, readings, &given, &fit)?,
+            None if !resumes => match other_start(mesh, readings, &given, &fit)? {
+                Some(positions) => Some(Start::new(mesh, positions, readings)?),
+                None => None,
+            },
             _ => None,
         };
         Ok::<_, planish_estimate::Error>((deformation, fit, other))
@@ -219,7 +242,7 @@ pub fn fit_with_growing_controls(
             cameras: fit.cameras.clone(),
             smoothness_weight: fit.smoothness_weight,
         };
-        let (moved, refined, _) = fit_of(&next, pose.as_deref(), Begin::Resume(resume), round)?;
+        let (moved, refined, _) = fit_of(&next, pose.as_ref(), Begin::Resume(resume), round)?;
         if !is_better(&refined, &fit, 3 * added) {
             break;
         }

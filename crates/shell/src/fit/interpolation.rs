@@ -22,7 +22,7 @@ use super::equations::{Equation, Equations, NormalEquations, SCALES, visit_row};
 use super::residual_leverage::Signs;
 use super::smoothness::Smoothness;
 use crate::controls::{ControlSampling, Controls, stiffness};
-use crate::deformation::{Deformation, Dirichlet, parameter_row};
+use crate::deformation::{Deformation, Dirichlet, in_basis, row_product};
 use crate::fit::stiffness_for_xyz;
 use crate::point_tree::PointTree;
 use crate::rigidity::Rigidity;
@@ -149,17 +149,18 @@ impl CloserControls {
         let Some(factor) = Factor::new(&(information + weight * &*own.information)) else {
             return Ok(vec![0.0; moved.positions.len()]);
         };
-        let change = factor.solve(&(vector - weight * own.gradient));
+        let of_basis = |change: DVector<f64>| in_basis(&self.deformation, &change);
+        let change = of_basis(factor.solve(&(vector - weight * own.gradient)));
         let by_noise: Vec<DVector<f64>> =
-            noise.iter().map(|vector| factor.solve(&vector.rows(0, size).into_owned())).collect();
+            noise.iter().map(|vector| of_basis(factor.solve(&vector.rows(0, size).into_owned()))).collect();
         let per = 1.0 / noise.len().max(1) as f64;
         let normals = moved.vertex_normals();
         let squares: Vec<f64> = (0..normals.len())
             .into_par_iter()
             .map(|v| {
-                let row = parameter_row(&self.deformation, v as u32, normals[v]);
-                let by_noise: f64 = by_noise.iter().map(|noise| per * row.dot(noise).powi(2)).sum();
-                row.dot(&change).powi(2) - NOISE_REMOVED * by_noise
+                let along = |basis| row_product(&self.deformation, v as u32, normals[v], basis);
+                let by_noise: f64 = by_noise.iter().map(|noise| per * along(noise).powi(2)).sum();
+                along(&change).powi(2) - NOISE_REMOVED * by_noise
             })
             .collect();
         let tree = PointTree::new(&moved.positions)?;

@@ -110,7 +110,11 @@ pub(super) fn with_landmark_start(
 }
 
 /// Median distance of some points from a mesh whose vertices have other positions; zero without points.
-fn median_distance(mesh: &TriangleMesh, positions: &[DVec3], points: &[PointReading]) -> Result<f64> {
+pub(super) fn median_distance(
+    mesh: &TriangleMesh,
+    positions: &[DVec3],
+    points: &[PointReading],
+) -> Result<f64> {
     let moved = TriangleMesh { positions: positions.to_vec(), triangles: mesh.triangles.clone() };
     let search = MeshSearch::try_new(&moved)?;
     let step = points.len().div_ceil(SAMPLED_POINTS).max(1);

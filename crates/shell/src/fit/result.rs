@@ -3,7 +3,6 @@
 //! In: the equations after the last iteration. Out: a [`ShellFit`].
 
 use super::correlation::{Residual, ResidualCorrelation};
-use super::dense::Factor;
 use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
 use super::interpolation::{CloserControls, FitSmoothness, noise_vectors};
 use super::priors::Priors;
@@ -13,6 +12,7 @@ use super::residual_leverage::{Signs, leverage_of_signs};
 use super::roundness::{Roundness, roundness};
 use super::strain::strained_share;
 use super::support::{PointFoot, Support, support, unfollowed};
+use super::weight_spread::WeighedSmoothness;
 use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
 use nalgebra::{DMatrix, DVector};
@@ -44,6 +44,7 @@ pub(super) fn finished(
     let mut alone = sum(equations, deformation, poses, loss, (factors, &[1.0; SCALES]), false);
     alone.information *= moments.slope / moments.weight;
     let (with_priors, _) = priors.add(&state, weight, &alone);
+    let smoothness = WeighedSmoothness::new(priors, &state, weight, &alone);
     let scale = moments.slope / moments.weight;
     let rounded = rounded(mesh, full_deformation, priors, &state, equations, factors, (&with_priors, scale))?;
     let (round, equations) = match &rounded {
@@ -78,8 +79,8 @@ pub(super) fn finished(
         round.marginalise(relative, &mut of_data.information, &mut of_data.vector);
     }
     let data_vector = &of_data.information * &state.q + of_data.vector;
-    let (information, _) = priors.add(&state, weight, &pass);
-    let mut covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
+    let (without_smoothness, _) = priors.add(&state, 0.0, &pass);
+    let mut covariance = smoothness.covariance(&without_smoothness).ok_or_else(undetermined)?;
     if let Some(Roundness { found, change, .. }) = round {
         covariance.ger(found.sigma.powi(2), change, change, 1.0);
     }

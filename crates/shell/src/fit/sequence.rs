@@ -7,17 +7,20 @@
 //! over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone; the velocity after it has only the
 //! smooth prior.
 //!
-//! The filter carries the information of the readings. The smoothness of shapes, `λ K`, is applied once in
-//! each frame and is not carried on. Each frame is first fitted from the estimate of the last one. With the
-//! information `N` and the vector `η` of its readings, and a prior of mean `m` and information `Λ`, its
-//! likelihood is
+//! The filter carries the information of the readings. The smoothness of shapes, `λ E/2`, is applied once in
+//! each frame and is not carried on. Its energy `E` is that of a single fit, which may allow parts to turn; it
+//! is linearised at a first fit of the frame, from the estimate of the last one: `E = qᵀHq − 2 vᵀq + e`. With
+//! the information `N` and the vector `η` of the frame's readings, and a prior of mean `m` and information `Λ`,
+//! its likelihood is
 //!
 //! `ln L = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
 //!
-//! `λ` maximises that of all frames so far, each with `λ K` alone as its prior; `c` that of all with their
-//! predictions and `λ K`. For `c`, older frames are discounted. One frame says little about `λ`: if it shows
-//! the object at rest, its likelihood grows with `λ` without bound. `ln λ` therefore has a wide Gaussian
-//! prior, and later frames count.
+//! `λ` maximises that of the frame with the smoothness alone as its prior, times `exp(−½ λ min E)`. Each frame
+//! has its own, because it measures how much the object has deformed: one for all frames made σ of parts without
+//! readings too small by a half where an object at rest in the first frames bent later. If a frame shows the
+//! object at rest, the likelihood grows with `λ` without bound; `ln λ` therefore has a wide Gaussian prior. `c`
+//! maximises the likelihood of all frames with their predictions and the smoothness. Older frames are
+//! discounted.
 //!
 //! Prediction and smoothness are then the prior of a second fit, whose equations are linearised anew where it
 //! ends (an iterated filter).
@@ -31,12 +34,14 @@
 pub(super) mod smoothing;
 
 use super::dense::Factor;
+use super::smoothness::{LinearisedEnergy, Smoothness};
 use super::{
     ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_with_progress,
     undetermined,
 };
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
@@ -91,9 +96,10 @@ pub struct FrameFit {
 pub struct ShellTracker<'a> {
     mesh: &'a TriangleMesh,
     deformation: &'a dyn Deformation,
+    /// Options of a fit without a smoothness of its own.
     options: ShellFitOptions,
-    /// `K`.
-    stiffness: DMatrix<f64>,
+    /// The smoothness of shapes.
+    shape: Smoothness,
     /// `M`.
     smooth: DMatrix<f64>,
     /// The mesh's size.
@@ -115,6 +121,18 @@ struct PastFrame {
     vector: DVector<f64>,
     /// The parameters of its fit.
     found: DVector<f64>,
+    /// The smoothness of shapes there, and its weight `λ`.
+    shape: (ShapeEnergy, f64),
+}
+
+/// An energy of shapes near parameters, `qᵀHq − 2 vᵀq + e`.
+struct ShapeEnergy {
+    /// `H`.
+    information: DMatrix<f64>,
+    /// `v`.
+    vector: DVector<f64>,
+    /// `e`.
+    constant: f64,
 }
 
 /// The covariance of what moves a shell from one frame to the next: `c M` for each pair of parameters and
@@ -134,15 +152,13 @@ struct Motion {
     found: DVector<f64>,
     /// Whether anything is known of velocities.
     moves: bool,
-    /// Candidates of `λ`.
-    shapes: Candidates,
     /// Candidates of `c`; none before the second frame.
     motions: Candidates,
 }
 
 impl<'a> ShellTracker<'a> {
-    /// A tracker before its first frame. The stiffness in the options defines smooth motions; their rigidity
-    /// is not used.
+    /// A tracker before its first frame. The stiffness in the options defines smooth motions, and smooth shapes
+    /// unless there is a rigidity.
     ///
     /// # Errors
     /// `Input` if the options have no stiffness, a stiffness of the wrong size, or a prior.
@@ -159,7 +175,6 @@ impl<'a> ShellTracker<'a> {
                     "expected a stiffness of the {parameters} parameters and no other prior for a sequence"
                 ))
             })?;
-        let stiffness = k.clone();
         let share = COMMON_MOTION_COST * k.trace() / parameters as f64;
         let stiff = k + DMatrix::identity(parameters, parameters) * share.max(f64::MIN_POSITIVE);
         let mut smooth = stiff.cholesky().ok_or_else(undetermined)?.inverse();
@@ -168,9 +183,8 @@ impl<'a> ShellTracker<'a> {
         Ok(Self {
             mesh,
             deformation,
-            // The motion model is linear in the parameters.
-            options: ShellFitOptions { rigidity: None, ..options },
-            stiffness,
+            shape: Smoothness::new(k.clone(), options.rigidity.clone(), None)?,
+            options,
             smooth,
             size: mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()),
             state: None,
@@ -196,18 +210,14 @@ impl<'a> ShellTracker<'a> {
         let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
         let (n, vector) = (&fit.data_information, &fit.data_vector);
         // The information of the readings alone may be singular.
-        let floor = self.shape_alone(0.0).information;
+        let shape = self.shape_near(&fit.parameters);
+        let floor = DMatrix::identity(parameters, parameters) * self.floor();
         let covariance = Factor::new(&(n + floor)).ok_or_else(undetermined)?.inverse();
         let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
         joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
         let mut mean = DVector::zeros(2 * parameters);
         mean.rows_mut(0, parameters).copy_from(&(&covariance * vector));
-        let mut shapes = Candidates::around(
-            n.trace() / self.stiffness.trace().max(f64::MIN_POSITIVE),
-            SHAPE_HALF_DECADES,
-            SHAPE_PRIOR_HALF_DECADES,
-        );
-        shapes.add((n, vector), 1.0, |weight| Some(self.shape_alone(weight)));
+        let weight = self.shape_weight(&shape, (n, vector));
         self.past = vec![PastFrame {
             mean: mean.clone(),
             covariance: joint.clone(),
@@ -215,24 +225,61 @@ impl<'a> ShellTracker<'a> {
             information: n.clone(),
             vector: vector.clone(),
             found: fit.parameters.clone(),
+            shape: (shape, weight),
         }];
         self.state = Some(Motion {
             mean,
             covariance: joint,
             found: fit.parameters.clone(),
             moves: false,
-            shapes,
             motions: Candidates::default(),
         });
         Ok(FrameFit { fit, predicted: None, acceleration: 0.0 })
     }
 
-    /// The prior of shapes with a smoothness weight. Rigid motions are known to half the mesh's size.
-    fn shape_alone(&self, weight: f64) -> ParameterPrior {
+    /// The smoothness of shapes near parameters.
+    fn shape_near(&self, parameters: &DVector<f64>) -> ShapeEnergy {
+        let LinearisedEnergy { energy, gradient, information } = self.shape.linearised(parameters);
+        let along = &*information * parameters;
+        ShapeEnergy {
+            constant: energy - 2.0 * gradient.dot(parameters) + parameters.dot(&along),
+            vector: along - gradient,
+            information: information.into_owned(),
+        }
+    }
+
+    /// Information about each parameter before all readings: rigid motions are known to half the mesh's size.
+    fn floor(&self) -> f64 {
+        (0.5 * self.size).powi(-2)
+    }
+
+    /// The prior of shapes with a smoothness weight, and the logarithm of a factor on its likelihood.
+    fn shape_alone(&self, shape: &ShapeEnergy, weight: f64) -> Option<(ParameterPrior, f64)> {
         let parameters = self.deformation.parameters();
-        let floor = (0.5 * self.size).powi(-2);
-        let information = weight * &self.stiffness + DMatrix::identity(parameters, parameters) * floor;
-        ParameterPrior { mean: DVector::zeros(parameters), information }
+        let information =
+            weight * &shape.information + DMatrix::identity(parameters, parameters) * self.floor();
+        let mean = Factor::new(&information)?.solve(&(weight * &shape.vector));
+        let least = shape.constant - shape.vector.dot(&mean);
+        Some((ParameterPrior { mean, information }, -0.5 * weight * least.max(0.0)))
+    }
+
+    /// The most likely smoothness weight of a frame with the information and the vector of its readings.
+    fn shape_weight(&self, shape: &ShapeEnergy, (n, vector): (&DMatrix<f64>, &DVector<f64>)) -> f64 {
+        let natural = n.trace() / shape.information.trace().max(f64::MIN_POSITIVE);
+        let mut weights = Candidates::around(natural, SHAPE_HALF_DECADES, SHAPE_PRIOR_HALF_DECADES);
+        weights.add((n, vector), 1.0, |weight| self.shape_alone(shape, weight));
+        weights.most_likely()
+    }
+
+    /// Options of the first fit of a frame, in which displacements from the last one are smooth.
+    fn options_from(&self, last: &DVector<f64>) -> ShellFitOptions {
+        let rigidity = self.options.rigidity.clone().map(|rigidity| {
+            let moved = (rigidity.rest().iter().enumerate())
+                .map(|(k, p)| *p + DVec3::from_array(std::array::from_fn(|axis| last[3 * k + axis])))
+                .collect();
+            rigidity.in_pose(moved)
+        });
+        ShellFitOptions { start: Some(last.clone()), rigidity, ..self.options.clone() }
     }
 
     /// [`ShellTracker::follow`] that calls `watch` before each iteration. An error returned by `watch` stops
@@ -254,7 +301,7 @@ impl<'a> ShellTracker<'a> {
         // Noise enters as an unknown velocity (coefficient 1) in the second frame, as an acceleration (½)
         // later.
         let of = if last.moves { [[0.25, 0.5], [0.5, 1.0]] } else { [[1.0, 1.0], [1.0, 1.0]] };
-        let options = ShellFitOptions { start: Some(last.found.clone()), ..self.options.clone() };
+        let options = self.options_from(&last.found);
         // Progress counts both fits of the frame as equally long.
         let mut half = |start_share: f64, at: ShellProgress| {
             watch(ShellProgress { share: start_share + 0.5 * at.share, ..at })
@@ -265,9 +312,9 @@ impl<'a> ShellTracker<'a> {
         let (n, vector) = (&first.data_information, &first.data_vector);
         let own_mean = mean.rows(0, parameters).into_owned();
         let base = joint.view((0, 0), (parameters, parameters)).into_owned();
-        let mut shapes = last.shapes.clone();
-        shapes.add((n, vector), 1.0, |weight| Some(self.shape_alone(weight)));
-        let shape = shapes.most_likely() * &self.stiffness;
+        let near = self.shape_near(&first.parameters);
+        let weight = self.shape_weight(&near, (n, vector));
+        let shape = near.weighed(weight);
         let mut motions = last.motions.clone();
         if !last.moves {
             // The centre of the range: motion as large as the uncertainty of the readings.
@@ -275,7 +322,9 @@ impl<'a> ShellTracker<'a> {
             motions = Candidates::around(unit, MOTION_HALF_DECADES, f64::INFINITY);
         }
         let growing = of[0][0] * &self.smooth;
-        motions.add((n, vector), MEMORY, |c| with_shape(&(&base + c * &growing), &own_mean, &shape));
+        motions.add((n, vector), MEMORY, |c| {
+            with_shape(&(&base + c * &growing), &own_mean, &shape).map(|prior| (prior, 0.0))
+        });
         let acceleration = motions.most_likely();
         let noise = MotionNoise { variance: acceleration, shares: of };
         self.add_noise(&mut joint, noise);
@@ -288,6 +337,7 @@ impl<'a> ShellTracker<'a> {
             start: Some(first.parameters.clone()),
             prior: Some(prior.clone()),
             stiffness: None,
+            rigidity: None,
             steps: 1,
             softness: (finest, finest),
             ..self.options.clone()
@@ -314,10 +364,10 @@ impl<'a> ShellTracker<'a> {
             motion: Some(noise),
             information: fit.data_information.clone(),
             vector: fit.data_vector.clone(),
+            shape: (self.shape_near(&fit.parameters), weight),
             found: fit.parameters.clone(),
         });
-        self.state =
-            Some(Motion { mean, covariance, found: fit.parameters.clone(), moves: true, shapes, motions });
+        self.state = Some(Motion { mean, covariance, found: fit.parameters.clone(), moves: true, motions });
         Ok(FrameFit { fit, predicted: Some(predicted), acceleration })
     }
 
@@ -355,15 +405,22 @@ impl<'a> ShellTracker<'a> {
     }
 }
 
-/// The prediction combined with the smoothness prior of the shape.
+impl ShapeEnergy {
+    /// Information and vector with a weight.
+    fn weighed(&self, weight: f64) -> (DMatrix<f64>, DVector<f64>) {
+        (weight * &self.information, weight * &self.vector)
+    }
+}
+
+/// The prediction combined with the smoothness of the shape.
 fn with_shape(
     covariance: &DMatrix<f64>,
     mean: &DVector<f64>,
-    shape: &DMatrix<f64>,
+    (shape, vector): &(DMatrix<f64>, DVector<f64>),
 ) -> Option<ParameterPrior> {
     let own = Factor::new(covariance)?.inverse();
     let information = &own + shape;
-    let mean = Factor::new(&information)?.solve(&(own * mean));
+    let mean = Factor::new(&information)?.solve(&(own * mean + vector));
     Some(ParameterPrior { mean, information })
 }
 
@@ -384,23 +441,23 @@ impl Candidates {
         Self { all: (from..=to).map(candidate).collect() }
     }
 
-    /// Adds a frame with the information and vector of its readings, and its prior for each value. The sum
-    /// over earlier frames counts by the factor `memory`.
+    /// Adds a frame with the information and vector of its readings, and its prior for each value with the
+    /// logarithm of a factor. The sum over earlier frames counts by the factor `memory`.
     fn add(
         &mut self,
         (n, vector): (&DMatrix<f64>, &DVector<f64>),
         memory: f64,
-        prior: impl Fn(f64) -> Option<ParameterPrior> + Sync,
+        prior: impl Fn(f64) -> Option<(ParameterPrior, f64)> + Sync,
     ) {
         let likelihood = |value: f64| -> Option<f64> {
-            let ParameterPrior { mean, information } = prior(value)?;
+            let (ParameterPrior { mean, information }, log_factor) = prior(value)?;
             let before = Factor::new(&information)?;
             let after = Factor::new(&(information + n))?;
             let r = vector - n * &mean;
             // ηᵀm − ½ mᵀNm varies because the mean does.
             let own = vector.dot(&mean) - 0.5 * mean.dot(&(n * &mean));
             let determinants = before.log_determinant() - after.log_determinant();
-            Some(own + 0.5 * r.dot(&after.solve(&r)) + 0.5 * determinants)
+            Some(own + 0.5 * r.dot(&after.solve(&r)) + 0.5 * determinants + log_factor)
         };
         self.all.par_iter_mut().for_each(|[value, _, sum]| {
             *sum = memory * *sum + likelihood(*value).unwrap_or(f64::NEG_INFINITY);

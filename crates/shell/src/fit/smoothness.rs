@@ -31,7 +31,7 @@ enum Energy {
 
 /// The energy near given displacements: `E + 2 gᵀδ + δᵀ H δ`.
 pub(super) struct LinearisedEnergy<'a> {
-    energy: f64,
+    pub energy: f64,
     pub gradient: DVector<f64>,
     pub information: Cow<'a, DMatrix<f64>>,
 }
@@ -71,6 +71,16 @@ impl Smoothness {
     /// Starts with the weight of an earlier fit.
     pub(super) fn resume(&mut self, weight: f64) {
         self.weight = weight.min(self.max_weight);
+    }
+
+    /// Number of independent changes of shape.
+    pub(super) fn rank(&self) -> usize {
+        self.rank
+    }
+
+    /// Upper limit of the weight.
+    pub(super) fn max_weight(&self) -> f64 {
+        self.max_weight
     }
 
     /// True if rotations of parts have no energy.

@@ -110,8 +110,8 @@ pub(super) fn solve(
             break (equations, weight);
         }
     };
-    let (termination, iterations) = (search.termination, search.iterations);
-    let made = match folds.folded {
+    let (termination, iterations, indicated) = (search.termination, search.iterations, search.indicated);
+    let mut made = match folds.folded {
         Some((made, _)) => made,
         None => {
             let weight = folds.likelihood_weight.unwrap_or(weight);
@@ -119,6 +119,14 @@ pub(super) fn solve(
             finished(&setup.mesh, deformation, &priors, state, &equations, &factors, weight)?
         }
     };
+    for (source, of) in [
+        (Source::Point, &mut made.points),
+        (Source::Outline, &mut made.outlines),
+        (Source::Track, &mut made.tracks),
+        (Source::Landmark, &mut made.landmarks),
+    ] {
+        of.sigma_factor = indicated[source.scale()];
+    }
     Ok(ShellFit { termination, iterations, ..made })
 }
 
@@ -266,6 +274,8 @@ pub(super) struct Search<'a> {
     pub(super) state: State,
     /// Factors of σ by kind of reading.
     pub(super) factors: [f64; SCALES],
+    /// Those that the residuals indicate. They are the same unless the stated σ hold.
+    indicated: [f64; SCALES],
     /// Number of readings that the unknowns use up.
     redundancy_used: f64,
     /// Iterations of all stages.
@@ -308,6 +318,7 @@ impl<'a> Search<'a> {
             state,
             priors: Priors { smooth, options, start, poses, readings },
             factors: [1.0; SCALES],
+            indicated: [1.0; SCALES],
             redundancy_used: 0.0,
             iterations: 0,
             termination: Termination::Limit,
@@ -316,10 +327,11 @@ impl<'a> Search<'a> {
 
     /// Estimates the factors of σ from the residuals, unless the stated σ hold.
     fn update_factors(&mut self, equations: &[Equations]) -> Result<()> {
+        // While the mesh is far away, residuals contain shape; σ falls to that of the noise as the mesh
+        // approaches the readings.
+        self.indicated = scales(equations, self.redundancy_used, self.indicated)?;
         if !self.priors.options.believe_sigma {
-            // While the mesh is far away, residuals contain shape; σ falls to that of the noise as the mesh
-            // approaches the readings.
-            self.factors = scales(equations, self.redundancy_used, self.factors)?;
+            self.factors = self.indicated;
         }
         Ok(())
     }
@@ -340,11 +352,12 @@ impl<'a> Search<'a> {
     /// that correspond to the readings.
     fn stiffening(&self, step: usize) -> f64 {
         let options = self.priors.options;
-        if step > 0 || options.start_sigma.is_some() || options.resume.is_some() {
+        let allows_rotations = self.priors.smooth.allows_rotations();
+        let is_near = options.start_sigma.is_some() && !allows_rotations;
+        if step > 0 || is_near || options.resume.is_some() {
             return 0.0;
         }
-        let (first, decay) =
-            if self.priors.smooth.allows_rotations() { STIFFENING_OF_RIGID } else { STIFFENING };
+        let (first, decay) = if allows_rotations { STIFFENING_OF_RIGID } else { STIFFENING };
         let first = if options.initial.is_some() { STIFFENING_OF_POSES } else { first };
         first * decay.powi(self.iterations as i32)
     }
@@ -482,7 +495,7 @@ fn run_stage(
         }
     }
     // The covariance needs the factors and the derivatives at the final state.
-    if setup.is_last(step) && !options.believe_sigma {
+    if setup.is_last(step) {
         search.update_factors(&equations)?;
         search.complete_derivatives(&problem, &mut equations)?;
     }

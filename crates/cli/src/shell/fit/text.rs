@@ -27,7 +27,7 @@ pub fn text(report: &ShellFitReport) -> String {
     }
     lines.facts([
         (
-            "σ of the vertices",
+            "σ where measured",
             format!(
                 "median {} {unit}, 95 % below {}, largest {}",
                 significant(report.sigma.median, 3),

@@ -45,6 +45,9 @@ const MAX_STRAINED_SHARE: f64 = 0.03;
 /// Ratio of the σ of points by their residuals to the stated one, above which the mesh does not follow them.
 /// Sensors are rarely that much worse than stated.
 const MAX_FACTOR: f64 = 3.0;
+/// Minimum number of points for each control. With 150 points for 60 controls, 0.80 to 0.94 of the vertices of
+/// six fits were within 1.96 σ.
+const MIN_POINTS_PER_CONTROL: usize = 8;
 /// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;
 /// Minimum overlap with a mask before the fit. A smaller one means another view, unit or frame.
@@ -200,10 +203,12 @@ pub(super) fn outcome(
     }
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines), ("tracks", &done.tracks)] {
         // Points without σ have an assumed one, and there is nothing to judge.
-        if let Some(report) = report.filter(|_| !trusts_sigma && (what != "points" || states_sigma)) {
-            findings.extend(misstated(what, &report));
+        if let Some(report) = report.filter(|_| what != "points" || states_sigma) {
+            findings.extend(misstated(what, &report, trusts_sigma));
         }
     }
+    findings.extend(done.points.as_ref().and_then(|points| unresolved(done, points)));
+    findings.extend(done.points.as_ref().and_then(|points| sparse(done, points)));
     for (view, iou) in done.iou.iter().filter(|(_, iou)| **iou < MIN_FITTED_OVERLAP) {
         findings.push(Finding::new(
             FindingCode::MaskNotReached,
@@ -266,7 +271,7 @@ pub(super) fn unfollowed(
 ) -> Result<Option<Finding>> {
     let (count, all) = (fit.unfollowed_points as f64, fit.points.outliers.len() as f64);
     let place = if name.is_empty() { String::new() } else { format!("frame {name}: ") };
-    if count < MIN_UNFOLLOWED_SHARE * all {
+    if all == 0.0 || count < MIN_UNFOLLOWED_SHARE * all {
         let text = format!(
             "{place}{} of the mesh is stretched in one direction more than twice as much as in the other, \
              and it folds: parts probably ended at a wrong position",
@@ -318,7 +323,7 @@ pub(super) fn rejected_landmarks(fit: &ShellFit, frame: &Frame, unit: Unit) -> V
 }
 
 /// A finding if the residuals contradict the stated σ.
-fn misstated(what: &str, report: &ReadingsReport) -> Option<Finding> {
+fn misstated(what: &str, report: &ReadingsReport, trusts_sigma: bool) -> Option<Finding> {
     let factor = report.sigma_factor;
     if (ACCEPTED_FACTORS[0]..=ACCEPTED_FACTORS[1]).contains(&factor) {
         return None;
@@ -327,11 +332,40 @@ fn misstated(what: &str, report: &ReadingsReport) -> Option<Finding> {
         true => format!("{} times", significant(factor, 2)),
         false => percent(factor),
     };
+    let used = if trusts_sigma { "the stated σ was used, as asked" } else { "the estimate was used" };
     let text = format!(
         "the residuals indicate that σ of {what} is {times} the stated value: the stated σ is wrong, or \
-         there are too few controls; the estimate was used"
+         there are too few controls; {used}"
     );
     Some(Finding::new(FindingCode::SensorSigmaMisstated, text).with_setting(Setting::BelieveSigma))
+}
+
+/// A finding if neighbouring points have residuals in common that are larger than the rest of them.
+fn unresolved(done: &ShellFitReport, points: &ReadingsReport) -> Option<Finding> {
+    let (shape, unit) = (done.unresolved_shape, done.unit);
+    // The square of the rms residual is that of noise and shape together.
+    (2.0 * shape * shape > points.rms * points.rms).then(|| {
+        let text = format!(
+            "residuals of neighbouring points agree: shape of σ = {} {unit} is finer than the distances of the \
+             controls, or errors of the points are correlated; σ contains it on average, not place by place: \
+             use more controls (--controls) if it is shape",
+            significant(shape, 2)
+        );
+        Finding::new(FindingCode::UnresolvedShape, text)
+    })
+}
+
+/// A finding if there are few points for the controls of the mesh.
+fn sparse(done: &ShellFitReport, points: &ReadingsReport) -> Option<Finding> {
+    let used = points.count - points.outliers;
+    (used < MIN_POINTS_PER_CONTROL * done.controls && done.outlines.is_none()).then(|| {
+        let text = format!(
+            "{used} points for {}: fewer than {MIN_POINTS_PER_CONTROL} for each leave much of the shape to \
+             smoothness, and σ is less certain: measure more points, or use fewer controls",
+            counted(done.controls, "control")
+        );
+        Finding::new(FindingCode::ReadingsSparse, text)
+    })
 }
 
 /// Findings about the end of the fit and about views that were held out.

@@ -4,7 +4,7 @@ use super::input::Frame;
 use super::{CameraPoseReport, MIN_DATA_SHARE};
 use planish_core::DVec3;
 use planish_mesh::TriangleMesh;
-use planish_shell::{Deformation, ShellFit, VertexSupport, parameter_row};
+use planish_shell::{Deformation, RowForms, ShellFit, VertexSupport};
 use rayon::prelude::*;
 
 /// `observed` of vertices that were measured but are not followed by the mesh.
@@ -12,7 +12,8 @@ const NOT_FOLLOWED: u8 = 3;
 
 /// Normals of vertices, σ along them, and `observed`: 1 if points are near on this side of the sheet, or if,
 /// from outlines, readings determine the vertex more than the prior. σ includes unresolved shape and the σ of
-/// the start (`start_sigma`, one value per vertex or empty).
+/// the start (`start_sigma`, one value per vertex or empty). A vertex without faces has no normal; σ is that of
+/// its most uncertain coordinate.
 pub(super) fn known(
     mesh: &TriangleMesh,
     made: &ShellFit,
@@ -25,12 +26,18 @@ pub(super) fn known(
     // The part of the variance that readings account for: with information `A = D + P` of data and prior,
     // `A⁻¹ = A⁻¹ D A⁻¹ + A⁻¹ P A⁻¹`.
     let by_data = &made.covariance * &made.data_information * &made.covariance;
+    let variances = RowForms::new(deformation, &made.covariance);
+    let by_data = RowForms::new(deformation, &by_data);
     let (sigma, observed) = (0..mesh.positions.len())
         .into_par_iter()
         .map(|v| {
-            let row = parameter_row(deformation, v as u32, normals[v]);
-            let variance = row.dot(&(&made.covariance * &row)).max(0.0);
-            let share = row.dot(&(&by_data * &row)) / variance;
+            let variance_along = |direction: DVec3| variances.at(v as u32, direction).max(0.0);
+            let direction = match normals[v] {
+                DVec3::ZERO => most_uncertain(variance_along),
+                normal => normal,
+            };
+            let variance = variance_along(direction);
+            let share = by_data.at(v as u32, direction) / variance;
             let start = start_sigma.get(v).copied().unwrap_or(0.0);
             let lacking = made.unresolved_at(v as u32).powi(2) + start * start;
             // Outlines touch the surface along lines, so their support is a share of the information.
@@ -45,6 +52,13 @@ pub(super) fn known(
         })
         .unzip();
     (normals, sigma, observed)
+}
+
+/// The axis along which a variance is the largest.
+fn most_uncertain(variance_along: impl Fn(DVec3) -> f64) -> DVec3 {
+    let [x, y, z] = DVec3::AXES;
+    let larger = |a: DVec3, b: DVec3| if variance_along(a) >= variance_along(b) { a } else { b };
+    larger(larger(x, y), z)
 }
 
 pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {

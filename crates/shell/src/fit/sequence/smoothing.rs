@@ -10,7 +10,7 @@
 //! `x + G (xˢ − x⁻)`, `P + G (Pˢ − P⁻) Gᵀ`, `G = P Fᵀ (P⁻)⁻¹`.
 //!
 //! What the frame's own readings told is subtracted as information, and the smoothness of the shape is added,
-//! with the weight by all frames. This is the prior of a new fit of the frame, whose equations are linearised
+//! with the frame's own weight. This is the prior of a new fit of the frame, whose equations are linearised
 //! where it ends.
 //!
 //! Source: H. Rauch, F. Tung, C. Striebel, *Maximum likelihood estimates of linear dynamic systems*, 1965.
@@ -44,10 +44,6 @@ impl<'t> ShellTracker<'t> {
     /// # Errors
     /// `Undetermined` if the motion between two frames has no covariance.
     pub fn smoothed(&self) -> Result<SmoothedMotion<'_, 't>> {
-        let shape = match &self.state {
-            Some(state) => self.shape_alone(state.shapes.most_likely()).information,
-            None => return Ok(SmoothedMotion { tracker: self, priors: Vec::new() }),
-        };
         let mut priors = Vec::with_capacity(self.past.len());
         let mut later: Option<(&PastFrame, DVector<f64>, DMatrix<f64>)> = None;
         for frame in self.past.iter().rev() {
@@ -55,7 +51,7 @@ impl<'t> ShellTracker<'t> {
                 Some((next, mean, covariance)) => self.smoothed_by(frame, next, mean, covariance)?,
                 None => (frame.mean.clone(), frame.covariance.clone()),
             };
-            priors.push(self.by_others(frame, &mean, &covariance, &shape));
+            priors.push(self.by_others(frame, &mean, &covariance));
             later = Some((frame, mean, covariance));
         }
         priors.reverse();
@@ -85,12 +81,13 @@ impl<'t> ShellTracker<'t> {
         frame: &PastFrame,
         mean: &DVector<f64>,
         covariance: &DMatrix<f64>,
-        shape: &DMatrix<f64>,
     ) -> Option<ParameterPrior> {
         let n = self.deformation.parameters();
         let all = Factor::new(&covariance.view((0, 0), (n, n)).into_owned())?.inverse();
-        let vector = &all * mean.rows(0, n) - &frame.vector;
-        let information = all - &frame.information + shape;
+        let (shape, along) = frame.shape.0.weighed(frame.shape.1);
+        let vector = &all * mean.rows(0, n) - &frame.vector + along;
+        let floor = DMatrix::identity(n, n) * self.floor();
+        let information = all - &frame.information + shape + floor;
         let mean = Factor::new(&information)?.solve(&vector);
         Some(ParameterPrior { mean, information })
     }
@@ -122,6 +119,7 @@ impl SmoothedMotion<'_, '_> {
             start: Some(past.found.clone()),
             prior: Some(prior.clone()),
             stiffness: None,
+            rigidity: None,
             steps: 1,
             softness: (finest, finest),
             ..options.clone()
