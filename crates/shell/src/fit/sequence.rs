@@ -4,7 +4,7 @@
 //! to it; afterwards also given all frames ([`smoothing`]).
 //!
 //! The motion model is `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)` that are smooth
-//! over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone; the velocity after it has only the
+//! over the controls: `M ∝ (H + ε I)⁻¹` with the energy of shapes `H` below, linearised at the frame. The first frame is fitted alone; the velocity after it has only the
 //! smooth prior.
 //!
 //! The filter carries the information of the readings. The smoothness of shapes, `λ E/2`, is applied once in
@@ -46,7 +46,7 @@ use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
 
-/// `ε` as a share of the mean diagonal of `K`: the cost of moving all controls together, relative to moving
+/// `ε` as a share of the mean diagonal of `H`: the cost of moving all controls together, relative to moving
 /// one alone.
 const COMMON_MOTION_COST: f64 = 0.02;
 /// Factor on the log-likelihood of past frames. Smaller values follow a change of motion sooner; larger ones
@@ -100,8 +100,6 @@ pub struct ShellTracker<'a> {
     options: ShellFitOptions,
     /// The smoothness of shapes.
     shape: Smoothness,
-    /// `M`.
-    smooth: DMatrix<f64>,
     /// The mesh's size.
     size: f64,
     state: Option<Motion>,
@@ -137,10 +135,9 @@ struct ShapeEnergy {
 
 /// The covariance of what moves a shell from one frame to the next: `c M` for each pair of parameters and
 /// velocities, times a share.
-#[derive(Clone, Copy)]
 struct MotionNoise {
-    /// `c`.
-    variance: f64,
+    /// `c M`.
+    covariance: DMatrix<f64>,
     shares: [[f64; 2]; 2],
 }
 
@@ -157,8 +154,8 @@ struct Motion {
 }
 
 impl<'a> ShellTracker<'a> {
-    /// A tracker before its first frame. The stiffness in the options defines smooth motions, and smooth shapes
-    /// unless there is a rigidity.
+    /// A tracker before its first frame. The rigidity in the options, or else the stiffness, defines smooth
+    /// shapes and motions.
     ///
     /// # Errors
     /// `Input` if the options have no stiffness, a stiffness of the wrong size, or a prior.
@@ -175,17 +172,11 @@ impl<'a> ShellTracker<'a> {
                     "expected a stiffness of the {parameters} parameters and no other prior for a sequence"
                 ))
             })?;
-        let share = COMMON_MOTION_COST * k.trace() / parameters as f64;
-        let stiff = k + DMatrix::identity(parameters, parameters) * share.max(f64::MIN_POSITIVE);
-        let mut smooth = stiff.cholesky().ok_or_else(undetermined)?.inverse();
-        // Normalised, so that `c` is the mean variance of a parameter.
-        smooth *= parameters as f64 / smooth.trace();
         Ok(Self {
             mesh,
             deformation,
             shape: Smoothness::new(k.clone(), options.rigidity.clone(), None)?,
             options,
-            smooth,
             size: mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()),
             state: None,
             past: Vec::new(),
@@ -315,19 +306,20 @@ impl<'a> ShellTracker<'a> {
         let near = self.shape_near(&first.parameters);
         let weight = self.shape_weight(&near, (n, vector));
         let shape = near.weighed(weight);
+        let smooth = smooth_motions(&near)?;
         let mut motions = last.motions.clone();
         if !last.moves {
             // The centre of the range: motion as large as the uncertainty of the readings.
-            let unit = parameters as f64 / (n * &self.smooth).trace().max(f64::MIN_POSITIVE);
+            let unit = parameters as f64 / (n * &smooth).trace().max(f64::MIN_POSITIVE);
             motions = Candidates::around(unit, MOTION_HALF_DECADES, f64::INFINITY);
         }
-        let growing = of[0][0] * &self.smooth;
+        let growing = of[0][0] * &smooth;
         motions.add((n, vector), MEMORY, |c| {
             with_shape(&(&base + c * &growing), &own_mean, &shape).map(|prior| (prior, 0.0))
         });
         let acceleration = motions.most_likely();
-        let noise = MotionNoise { variance: acceleration, shares: of };
-        self.add_noise(&mut joint, noise);
+        let noise = MotionNoise { covariance: acceleration * smooth, shares: of };
+        self.add_noise(&mut joint, &noise);
         let columns = joint.columns(0, parameters).into_owned();
         let own = columns.rows(0, parameters).into_owned();
         let prior = with_shape(&own, &own_mean, &shape).ok_or_else(undetermined)?;
@@ -376,7 +368,7 @@ impl<'a> ShellTracker<'a> {
         &self,
         mean: &DVector<f64>,
         covariance: &DMatrix<f64>,
-        noise: Option<MotionNoise>,
+        noise: Option<&MotionNoise>,
     ) -> (DVector<f64>, DMatrix<f64>) {
         let step = self.step();
         let mut joint = &step * covariance * step.transpose();
@@ -394,12 +386,12 @@ impl<'a> ShellTracker<'a> {
         })
     }
 
-    fn add_noise(&self, joint: &mut DMatrix<f64>, noise: MotionNoise) {
+    fn add_noise(&self, joint: &mut DMatrix<f64>, noise: &MotionNoise) {
         let parameters = self.deformation.parameters();
         for (i, row) in noise.shares.iter().enumerate() {
             for (j, share) in row.iter().enumerate() {
                 let mut block = joint.view_mut((i * parameters, j * parameters), (parameters, parameters));
-                block += noise.variance * *share * &self.smooth;
+                block += *share * &noise.covariance;
             }
         }
     }
@@ -410,6 +402,16 @@ impl ShapeEnergy {
     fn weighed(&self, weight: f64) -> (DMatrix<f64>, DVector<f64>) {
         (weight * &self.information, weight * &self.vector)
     }
+}
+
+/// The covariance of smooth motions `M` near a shape, with a mean variance of 1.
+fn smooth_motions(shape: &ShapeEnergy) -> Result<DMatrix<f64>> {
+    let parameters = shape.information.nrows();
+    let share = COMMON_MOTION_COST * shape.information.trace() / parameters as f64;
+    let floor = DMatrix::identity(parameters, parameters) * share.max(f64::MIN_POSITIVE);
+    let smooth = Factor::new(&(&shape.information + floor)).ok_or_else(undetermined)?.inverse();
+    // Normalised, so that `c` is the mean variance of a parameter.
+    Ok(&smooth * (parameters as f64 / smooth.trace()))
 }
 
 /// The prediction combined with the smoothness of the shape.

@@ -66,7 +66,7 @@ impl<'t> ShellTracker<'t> {
         mean: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> Result<(DVector<f64>, DMatrix<f64>)> {
-        let (predicted, mut spread) = self.moved(&frame.mean, &frame.covariance, next.motion);
+        let (predicted, mut spread) = self.moved(&frame.mean, &frame.covariance, next.motion.as_ref());
         let ridge = RIDGE * spread.trace() / spread.nrows() as f64;
         (0..spread.nrows()).for_each(|k| spread[(k, k)] += ridge);
         let inverse = Factor::new(&spread).ok_or_else(undetermined)?.inverse();
