@@ -11,6 +11,7 @@ mod nearby_curves;
 mod noisy;
 mod page;
 mod sheet;
+mod visible;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
@@ -230,7 +231,13 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         Some(noisy) => noisy.explain(error),
         None => drawing::explain(error, drawing, &job.views),
     };
-    let searched = search_readings(readings, progress, explain)?;
+    let searched = match search_readings(readings.clone(), progress, explain) {
+        Ok(searched) if searched.is_solved() => searched,
+        strict => match visible::search_without_hidden(readings, progress) {
+            Some(searched) => searched,
+            None => strict?,
+        },
+    };
     let SearchedReading { reading: ReadDrawing { drawing, sheet, findings: noticed }, found, differences } =
         searched;
     findings.extend(noticed);

@@ -96,7 +96,7 @@ fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
         if extension(path) == "svg" {
             place_at_origin(&mut file.curves);
         }
-        let mut view = View { kind, curves: std::mem::take(&mut file.curves) };
+        let mut view = View::new(kind, std::mem::take(&mut file.curves));
         made.findings.extend(sheet::scale_view(&mut view, &file).map(|f| f.in_context(&name)));
         made.drawing.views.push(view);
     }
@@ -148,7 +148,7 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
 /// one is kept.
 pub(super) fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     let all =
-        Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
+        Drawing { views: vec![View::new(planish_solid::views::ViewKind::Front, curves.clone())] };
     let step = (REPEATED_LINE_TOLERANCE * all.size()).max(f64::MIN_POSITIVE);
     let key = |curve: &Curve2| {
         let points = curve.points();
@@ -289,6 +289,11 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
             let size = (first[1] - first[0]).max(range[1] - range[0]);
             // An error before the search, whose message could not name the cause. Smaller differences are
             // left to the search and to the hints for near misses.
+            // A section may show less than the whole part.
+            let is_section = |v: usize| drawing.views[v].section().is_some();
+            if is_section(index) || is_section(other) {
+                continue;
+            }
             if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
                 let ratio = (range[1] - range[0]) / (first[1] - first[0]);
                 let scale = match (ratio - 1.0).abs() > 2e-3 && ratio.is_finite() {

@@ -22,7 +22,7 @@ use planish_estimate::{Error, Result};
 /// };
 /// // The second line begins 0.001 beside the end of the first.
 /// let curves = vec![line([0.0, 0.0], [40.0, 0.0]), line([40.001, 0.0], [40.0, 20.0])];
-/// let drawing = Drawing { views: vec![View { kind: ViewKind::Front, curves }] };
+/// let drawing = Drawing { views: vec![View::new(ViewKind::Front, curves)] };
 /// let joined = joined(&drawing, 0.01)?;
 /// assert_eq!(joined.views[0].curves[1].curve, Curve2::Segment([40.0, 0.0], [40.0, 20.0]));
 /// # Ok::<(), planish_estimate::Error>(())
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     fn block(gap: f64, scale: f64) -> Drawing {
-        let view = |kind, curves| View { kind, curves };
+        let view = |kind, curves| View::new(kind, curves);
         let mut front = rectangle([0.0, 0.0], [40.0, 20.0]);
         front[0] = segment([0.0, 0.0], [40.0 - gap, 0.0], LineStyle::Visible);
         Drawing {

@@ -1,4 +1,8 @@
-//! Preferences of the search: no cylinder where a surface of revolution is in the same box.
+//! Preferences of the search: no cylinder where a surface of revolution is in the same box, and no hidden edge
+//! that is not drawn.
+//!
+//! A view without hidden lines leaves open where faces end that it does not show. The search first looks for
+//! solids with few such faces: a hole goes through rather than ends at any level of the drawing.
 //!
 //! A half circle above a circle may be half a ball, two crossing cylinders, or either of them in each
 //! quarter. Four domes thus give hundreds of solids, more than the search enumerates. Input: cells. Output:
@@ -9,7 +13,7 @@
 use super::cells::{Cells, pieces_in};
 use super::profile::Profile;
 use planish_core::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Positions of samples along a piece and along the line of sight, as shares.
 const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
@@ -19,6 +23,21 @@ const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
 pub(crate) struct Preference {
     /// Cells on both sides of the cylinder.
     pub(crate) pairs: Vec<[u32; 2]>,
+}
+
+/// Maximum number of preferences for undrawn faces; with more, those of one grid plane are one preference.
+const MAX_UNDRAWN: usize = 500;
+
+/// A preference for each pair of cells whose common face would have hidden edges that are not drawn.
+pub(crate) fn undrawn_faces(cells: &Cells) -> Vec<Preference> {
+    let pairs = cells.undrawn_faces();
+    if pairs.len() <= MAX_UNDRAWN {
+        let single: BTreeSet<[u32; 2]> = pairs.into_iter().map(|(.., pair)| pair).collect();
+        return single.into_iter().map(|pair| Preference { pairs: vec![pair] }).collect();
+    }
+    let mut planes: BTreeMap<(usize, usize), Vec<[u32; 2]>> = BTreeMap::new();
+    pairs.into_iter().for_each(|(axis, at, pair)| planes.entry((axis, at)).or_default().push(pair));
+    planes.into_values().map(|pairs| Preference { pairs }).collect()
 }
 
 /// A preference for each circle of a view; none if there are no surfaces of revolution.

@@ -23,7 +23,7 @@ fn box_with_hole() -> Drawing {
     let mut top = rectangle([0.0, 0.0], [40.0, 30.0]);
     let hole = Curve2::Arc { center: [20.0, 15.0], radius: 6.0, start: 0.0, sweep: TAU };
     top.push(drawn(hole, LineStyle::Visible));
-    let view = |kind, curves| View { kind, curves };
+    let view = |kind, curves| View::new(kind, curves);
     Drawing {
         views: vec![
             view(ViewKind::Front, with(rectangle([0.0, 0.0], [40.0, 20.0]), [14.0, 26.0])),
@@ -87,7 +87,7 @@ pub(super) fn visible(curve: Curve2) -> DrawnCurve {
 
 fn three(front: Vec<DrawnCurve>, top: Vec<DrawnCurve>, side: Vec<DrawnCurve>) -> Drawing {
     let views = ViewKind::ALL.into_iter().zip([front, top, side]);
-    Drawing { views: views.map(|(kind, curves)| View { kind, curves }).collect() }
+    Drawing { views: views.map(|(kind, curves)| View::new(kind, curves)).collect() }
 }
 
 fn only(drawing: &Drawing) -> Solution {
