@@ -342,17 +342,16 @@ fn search_readings(
             continue;
         }
         progress.check("searching", 0.1)?;
+        // Sections beside complete views choose among the solids of these; they are needed for the search
+        // only if none of these solids agrees with them.
+        let views = reading.drawing.without_further_sections();
+        let by_views = views.and_then(|views| searched(reading.clone(), &views).ok());
         // Errors of the search refer to entities of the drawing. The files are known only to the caller.
-        let found = solve(&reading.drawing).map_err(|e| explain(e, &reading.drawing));
+        let searched = match by_views.filter(SearchedReading::is_solved) {
+            Some(by_views) => Ok(by_views),
+            None => searched(reading.clone(), &reading.drawing).map_err(|e| explain(e, &reading.drawing)),
+        };
         progress.check("comparing", 0.6)?;
-        let searched = found.map(|found| {
-            // The search samples places and can miss one. An independent check by rays decides what is
-            // written (`docs/decisions/0058`).
-            let compared =
-                |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
-            let differences = found.solutions.iter().map(compared).collect();
-            SearchedReading { reading, found, differences }
-        });
         match (searched, &mut solved) {
             (Ok(searched), Some(used)) if searched.is_solved() => {
                 used.reading.findings.extend(used.reading.sheet.as_ref().map(sheet::open_convention));
@@ -366,6 +365,16 @@ fn search_readings(
     }
     let none = || Err(Error::input("expected views, found none"));
     solved.map_or_else(|| first.unwrap_or_else(none), Ok)
+}
+
+/// Finds the solids of a drawing, and compares them with all views of a reading.
+fn searched(reading: ReadDrawing, drawing: &Drawing) -> Result<SearchedReading> {
+    let found = solve(drawing)?;
+    // The search samples places and can miss one. An independent check by rays decides what is written
+    // (`docs/decisions/0058`).
+    let compared = |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
+    let differences = found.solutions.iter().map(compared).collect();
+    Ok(SearchedReading { reading, found, differences })
 }
 
 /// Splits solutions into those that show exactly the lines of the drawing and those that are refused.

@@ -341,6 +341,17 @@ impl Drawing {
         bounds
     }
 
+    /// The drawing without sections along a line of sight that another view shows as well; none if there are
+    /// no such sections.
+    #[must_use]
+    pub fn without_further_sections(&self) -> Option<Self> {
+        let sight = |view: &View| view.kind.axes()[2];
+        let is_shown = |view: &View| self.views.iter().any(|v| v.section().is_none() && sight(v) == sight(view));
+        let is_kept = |view: &&View| view.section().is_none() || !is_shown(view);
+        let views: Vec<View> = self.views.iter().filter(is_kept).cloned().collect();
+        (views.len() < self.views.len()).then_some(Self { views })
+    }
+
     /// The drawing with all lengths times a factor.
     ///
     /// ```

@@ -292,7 +292,7 @@ impl<'a> SheetReader<'a> {
     ) -> SheetReading {
         let near = choice::MAX_MISALIGNMENT * groups::size_of_boxes(&self.boxes);
         let origins: Vec<[f64; 2]> =
-            (0..choice.views.len()).map(|v| section::origin_of(choice, v, near)).collect();
+            (0..choice.views.len()).map(|v| self.origin_of(choice, v, near)).collect();
         let mut views: Vec<View> = (choice.views.iter().zip(&origins))
             .map(|((kind, group), origin)| self.placed(*kind, group, *origin))
             .collect();

@@ -37,13 +37,12 @@ pub(super) fn wrong_hatches(view: &View, scene: &Scene<'_>, eye: Eye) -> Vec<Dis
             // Unequal shares, so that samples avoid planes of symmetry.
             let shares = [(i as f64 + 0.37) / SAMPLES as f64, (j as f64 + 0.43) / SAMPLES as f64];
             let at = [0, 1].map(|k| bounds[k][0] + shares[k] * (bounds[k][1] - bounds[k][0]));
-            match section.hatch.contains(at) {
-                Some(is_hatched) if !view.is_near_border(at, scene.size) => {
-                    if is_hatched != scene.is_cut(eye, at) {
-                        wrong[usize::from(is_hatched)].push(at);
-                    }
-                }
-                _ => {}
+            if view.is_near_border(at, scene.size) {
+                continue;
+            }
+            let Some(is_hatched) = section.hatch.contains(at, &view.curves) else { continue };
+            if is_hatched != scene.is_cut(eye, at) {
+                wrong[usize::from(is_hatched)].push(at);
             }
         }
     }

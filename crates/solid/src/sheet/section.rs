@@ -209,27 +209,49 @@ fn single_letter(text: &str) -> Option<char> {
     letters.next().filter(|c| c.is_alphabetic() && letters.next().is_none())
 }
 
-/// The place on the sheet of the origin of a view: where the lower left corner of the whole part would be
-/// (the lower right one of views from the left, which are mirrored).
-///
-/// A section may show less than the whole; then the view that it is aligned with has the corner.
-pub(super) fn origin_of(choice: &Choice, view: usize, near: f64) -> [f64; 2] {
-    let (kind, group) = &choice.views[view];
-    let end = |kind: ViewKind, k: usize| usize::from(k == 0 && kind == ViewKind::Left);
-    [0, 1].map(|k| {
-        let own = group.bounds[k][end(*kind, k)];
-        let whole = choice.views.iter().enumerate().filter(|(other, (_, g))| {
-            *other != view && !g.is_section && group.is_section
-        });
-        // Views in the same row or column show the same axis in the same direction of the sheet.
-        let aligned = whole.filter(|(_, (other, g))| {
-            other.axes()[k] == kind.axes()[k]
-                && (k == 1 && kind.axes()[1] == 2 || k == 0 && kind.axes()[0] == 0 || *other == *kind)
-                && g.bounds[k][0] <= group.bounds[k][0] + near
-                && g.bounds[k][1] >= group.bounds[k][1] - near
-        });
-        let corner = aligned.map(|(_, (other, g))| g.bounds[k][end(*other, k)]).next();
-        // Views are aligned within their accuracy; equal corners are the same one.
-        corner.filter(|corner| (corner - own).abs() > near).unwrap_or(own)
-    })
+impl SheetReader<'_> {
+    /// The place on the sheet of the origin of a view: where the lower left corner of the whole part would
+    /// be (the lower right one of views from the left, which are mirrored).
+    ///
+    /// A section may show less than the whole; then its place along an axis is that at which most of its
+    /// coordinates are those of another view.
+    pub(super) fn origin_of(&self, choice: &Choice, view: usize, near: f64) -> [f64; 2] {
+        let (kind, group) = &choice.views[view];
+        [0, 1].map(|k| {
+            let axis = kind.axes()[k];
+            let own = corner(*kind, group, k);
+            let extent = group.extent(k);
+            let shows = |(_, (other, g)): &(usize, &(ViewKind, CurveGroup))| {
+                !g.is_section && other.axes()[..2].contains(&axis)
+            };
+            let others = choice.views.iter().enumerate().filter(|(other, _)| *other != view);
+            let Some((_, (other, whole))) = others.filter(shows).next().filter(|_| group.is_section) else {
+                return own;
+            };
+            let l = usize::from(other.axes()[1] == axis);
+            if (whole.extent(l) - extent).abs() <= near {
+                return own;
+            }
+            let sign = |kind: ViewKind, k: usize| if k == 0 && kind == ViewKind::Left { -1.0 } else { 1.0 };
+            let places = |kind: ViewKind, group: &CurveGroup, k: usize| -> Vec<f64> {
+                let from = corner(kind, group, k);
+                let bounds = group.curves.iter().flat_map(|c| self.boxes[*c][k]);
+                bounds.map(|at| sign(kind, k) * (at - from)).collect()
+            };
+            let (seen, known) = (places(*kind, group, k), places(*other, whole, l));
+            // The first and last coordinate of the section are those of edges in the other view as well.
+            let shifts = known.iter().flat_map(|at| [*at, *at - extent]);
+            let matches = |shift: f64| {
+                let has = |at: &&f64| known.iter().any(|other| (other - shift - **at).abs() <= 0.1 * near);
+                seen.iter().filter(has).count()
+            };
+            let best = shifts.max_by_key(|shift| matches(*shift)).unwrap_or(0.0);
+            own - sign(*kind, k) * best
+        })
+    }
+}
+
+/// The corner of a group from which coordinates of a view are counted, along an axis of the sheet.
+fn corner(kind: ViewKind, group: &CurveGroup, k: usize) -> f64 {
+    group.bounds[k][usize::from(k == 0 && kind == ViewKind::Left)]
 }
