@@ -10,8 +10,8 @@ mod misses;
 mod nearby_curves;
 mod noisy;
 mod page;
+mod relaxed;
 mod sheet;
-mod visible;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
@@ -32,6 +32,7 @@ pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, 
 use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
 pub use planish_solid::sheet::Projection;
 pub use planish_solid::views::ViewKind;
+use planish_solid::drawing::{View, ViewContent};
 use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, Solutions, solve};
 use serde::Serialize;
 use sheet::ReadDrawing;
@@ -233,10 +234,11 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     };
     let searched = match search_readings(readings.clone(), progress, explain) {
         Ok(searched) if searched.is_solved() => searched,
-        strict => match visible::search_without_hidden(readings, progress) {
-            Some(searched) => searched,
-            None => strict?,
-        },
+        strict => {
+            // Contours are consistent within their σ already, and a given tolerance was applied on reading.
+            let is_exact = noisy.is_some() || job.tolerance.is_some();
+            relaxed::search_relaxed(&readings, is_exact, progress).map_or(strict, Ok)?
+        }
     };
     let SearchedReading { reading: ReadDrawing { drawing, sheet, findings: noticed }, found, differences } =
         searched;
@@ -286,7 +288,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
-    report.findings.extend(judge(&report, drawing.views.len()));
+    report.findings.extend(judge(&report, complete_views(&drawing)));
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
             write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.findings)?.as_ref())?;
@@ -414,6 +416,15 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
         .collect()
 }
 
+/// Number of lines of sight along which the whole part is shown.
+fn complete_views(drawing: &Drawing) -> usize {
+    let is_whole = |view: &&View| !matches!(view.content, ViewContent::Section(_) | ViewContent::Candidates);
+    let mut sights: Vec<usize> = drawing.views.iter().filter(is_whole).map(|v| v.kind.axes()[2]).collect();
+    sights.sort_unstable();
+    sights.dedup();
+    sights.len()
+}
+
 /// The findings that follow from the solids and from the agreement of the views.
 fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -423,7 +434,7 @@ fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
             found.push(Finding::new(FindingCode::NoSolid, text));
         }
         // A hole seen from two sides may be round or square, and a bar may be round or flat.
-        1 if views == 2 => {
+        1 if views < 3 => {
             let text = "one solid of the simplest faces has these views; two views leave open whether what \
                         runs along the missing direction is flat or round: add the third view";
             found.push(Finding::new(FindingCode::TwoViews, text));

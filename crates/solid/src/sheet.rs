@@ -24,6 +24,7 @@
 //! ISO 128 (lines, views), ISO 5456-2 (projection), ISO 5457 (frames), ISO 7200 (title blocks).
 
 mod annotations;
+mod axes;
 mod choice;
 mod contacts;
 mod frame;
@@ -306,6 +307,14 @@ impl<'a> SheetReader<'a> {
             let hatch = hatch.mapped(into_part(views[*v].kind, origins[*v]));
             views[*v].content = ViewContent::Section(Section { at: to_part(place)[k], hatch });
         }
+        let places: Vec<SheetView> = (choice.views.iter().zip(&views))
+            .map(|((kind, group), view)| SheetView {
+                kind: *kind,
+                bounds: group.bounds,
+                section_at: view.section().map(|section| scale * section.at),
+            })
+            .collect();
+        views.extend(self.candidates(choice, &views, &origins));
         let drawing = Drawing { views };
         let drawing = if scale == 1.0 { drawing } else { drawing.scaled(scale) };
         let mut is_used = vec![false; self.curves.len()];
@@ -325,14 +334,7 @@ impl<'a> SheetReader<'a> {
             projection: choice.projection,
             scale,
             scale_source,
-            views: (choice.views.iter())
-                .zip(&drawing.views)
-                .map(|((kind, group), view)| SheetView {
-                    kind: *kind,
-                    bounds: group.bounds,
-                    section_at: view.section().map(|section| section.at),
-                })
-                .collect(),
+            views: places,
             drawing,
             set_aside,
         }

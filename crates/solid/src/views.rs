@@ -74,7 +74,7 @@ pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
-pub use joined::joined;
+pub use joined::{coordinate_mismatches, joined};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
@@ -355,7 +355,12 @@ fn solve_grid(
     let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
-    let preferred = [preference::undrawn_faces(&cells), preference::preferences(&cells)].concat();
+    let preferred = [
+        preference::round_candidates(&cells),
+        preference::undrawn_faces(&cells),
+        preference::preferences(&cells),
+    ]
+    .concat();
     let found = search::search(
         &cells,
         &sight_tests,

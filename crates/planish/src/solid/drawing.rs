@@ -9,6 +9,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::dxf::{DxfDrawing, read_dxf};
 use planish_exchange::svg::read_svg;
 use planish_exchange::{Unit, extension};
+use planish_solid::drawing::ViewContent;
 use planish_solid::views::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
 };
@@ -290,8 +291,10 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
             // An error before the search, whose message could not name the cause. Smaller differences are
             // left to the search and to the hints for near misses.
             // A section may show less than the whole part.
-            let is_section = |v: usize| drawing.views[v].section().is_some();
-            if is_section(index) || is_section(other) {
+            let is_part = |v: usize| {
+                matches!(drawing.views[v].content, ViewContent::Section(_) | ViewContent::Candidates)
+            };
+            if is_part(index) || is_part(other) {
                 continue;
             }
             if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {

@@ -15,6 +15,8 @@ pub enum ViewContent {
     VisibleEdges,
     /// Visible edges of the part behind a plane across the line of sight.
     Section(Section),
+    /// Nothing: the curves are candidates for what is round about an axis along which no view looks.
+    Candidates,
 }
 
 /// A full section.

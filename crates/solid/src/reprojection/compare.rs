@@ -8,7 +8,7 @@ use super::scene::{Eye, Scene};
 use super::{Disagreement, ReprojectionOptions};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
-use crate::drawing::{Curve2, Drawing, LineStyle, View};
+use crate::drawing::{Curve2, Drawing, LineStyle, View, ViewContent};
 use planish_core::{BoundingBox, DVec3};
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ pub(super) fn disagreements(
     let scene =
         Scene { faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(), size, reach };
     let mut found = Vec::new();
-    for view in &drawing.views {
+    for view in drawing.views.iter().filter(|view| view.content != ViewContent::Candidates) {
         let eye = Eye::new(view);
         let mut lines = outlines(solid, &scene.faces, &edges, eye, size);
         if eye.is_section() {

@@ -269,7 +269,7 @@ impl<'a> Cells<'a> {
         let mut found = BTreeSet::new();
         for axis in 0..3 {
             let drawn: Vec<Drawn> = (0..plan.views.len())
-                .filter(|v| !plan.views[*v].shows_hidden)
+                .filter(|v| !plan.views[*v].shows_hidden && !plan.views[*v].is_candidates)
                 .filter_map(|v| Drawn::new(plan, v, axis))
                 .collect();
             let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];

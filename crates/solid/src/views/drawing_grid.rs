@@ -8,7 +8,7 @@
 
 use super::candidate_surface::{CandidateSurface, Side};
 use super::profile::Profile;
-use crate::drawing::{Curve2, Drawing, Hatch, LineStyle, View, ViewKind};
+use crate::drawing::{Curve2, Drawing, Hatch, LineStyle, View, ViewContent, ViewKind};
 use planish_core::DVec3;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
@@ -54,6 +54,8 @@ pub(crate) struct ViewGrid {
     pub(crate) cells: Vec<Vec<u32>>,
     /// Indices of curves that are not the edge-on image of a surface.
     pub(crate) others: Vec<usize>,
+    /// True if it shows nothing: its curves are candidates.
+    pub(crate) is_candidates: bool,
     /// False if a missing line may mean a hidden edge.
     pub(crate) shows_hidden: bool,
     /// The cutting plane (coordinate along the line of sight) and what is hatched, if it is a section.
@@ -508,6 +510,7 @@ impl ViewGrid {
             pieces: Vec::new(),
             cells: vec![Vec::new(); sizes[0] * sizes[1]],
             others,
+            is_candidates: view.content == ViewContent::Candidates,
             shows_hidden: view.shows_hidden_edges(),
             cut: view.section().map(|section| {
                 // A plane through an axis must pass exactly through it.

@@ -7,8 +7,11 @@
 //! Not guaranteed: different coordinates may become equal. A sequence of values, each within the tolerance of
 //! the next, becomes one value.
 
-use crate::drawing::{Curve2, Drawing};
+use crate::drawing::{Curve2, Drawing, ViewContent};
 use planish_estimate::{Error, Result};
+
+/// Limits of the decades of errors of coordinates, relative to the size of a drawing.
+const MISMATCHES: [f64; 6] = [2e-7, 2e-6, 2e-5, 2e-4, 8e-4, 2e-3];
 
 /// Joins coordinates that are at most `tolerance` apart, in the unit of the drawing.
 ///
@@ -40,25 +43,14 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
             0.01 * size
         )));
     }
-    let mut values: [Vec<f64>; 3] = Default::default();
-    for view in &drawing.views {
-        let axes = view.kind.axes();
-        for drawn in &view.curves {
-            for k in 0..2 {
-                match &drawn.curve {
-                    Curve2::Segment(a, b) => values[axes[k]].extend([a[k], b[k]]),
-                    Curve2::Arc { center, radius, .. } => {
-                        values[axes[k]].extend([center[k] - radius, center[k], center[k] + radius]);
-                    }
-                    Curve2::Chain(_) => {}
-                }
-            }
-        }
-    }
+    let values = coordinates(drawing);
     let groups = values.map(|values| grouped(values, tolerance));
     let mut found = drawing.clone();
     for view in &mut found.views {
         let axes = view.kind.axes();
+        if let ViewContent::Section(section) = &mut view.content {
+            section.at = nearest(&groups[axes[2]], section.at, tolerance);
+        }
         let to = |k: usize, value: f64| representative(&groups[axes[k]], value);
         for drawn in &mut view.curves {
             match &mut drawn.curve {
@@ -85,6 +77,53 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
         }
     }
     Ok(found)
+}
+
+/// Coordinates of each axis, of ends of lines, and of centres and extremes of circles.
+fn coordinates(drawing: &Drawing) -> [Vec<f64>; 3] {
+    let mut values: [Vec<f64>; 3] = Default::default();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        for drawn in &view.curves {
+            for k in 0..2 {
+                match &drawn.curve {
+                    Curve2::Segment(a, b) => values[axes[k]].extend([a[k], b[k]]),
+                    Curve2::Arc { center, radius, .. } => {
+                        values[axes[k]].extend([center[k] - radius, center[k], center[k] + radius]);
+                    }
+                    Curve2::Chain(_) => {}
+                }
+            }
+        }
+    }
+    values
+}
+
+/// Errors of coordinates that a drawing may have, ascending: differences of neighbouring coordinates of an
+/// axis, the largest of each decade.
+///
+/// Differences below 2·10⁻⁷ of the size are equal for the search anyway, and those above 2·10⁻³ are taken as
+/// intended.
+#[must_use]
+pub fn coordinate_mismatches(drawing: &Drawing) -> Vec<f64> {
+    let size = drawing.size();
+    let mut largest = [0.0_f64; MISMATCHES.len() - 1];
+    for mut values in coordinates(drawing) {
+        values.sort_by(f64::total_cmp);
+        for gap in values.windows(2).map(|pair| pair[1] - pair[0]) {
+            let is_in = |k: &usize| gap > MISMATCHES[*k] * size && gap <= MISMATCHES[k + 1] * size;
+            if let Some(k) = (0..largest.len()).find(is_in) {
+                largest[k] = largest[k].max(gap);
+            }
+        }
+    }
+    largest.into_iter().filter(|gap| *gap > 0.0).collect()
+}
+
+/// The representative of the group nearest to a value, if one is within the tolerance.
+fn nearest(groups: &[[f64; 3]], value: f64, tolerance: f64) -> f64 {
+    let nearest = groups.iter().map(|g| g[2]).min_by(|a, b| (a - value).abs().total_cmp(&(b - value).abs()));
+    nearest.filter(|at| (at - value).abs() <= tolerance).unwrap_or(value)
 }
 
 /// Groups of values, each at most the tolerance from the next: minimum, maximum and representative of each,
@@ -160,5 +199,19 @@ mod tests {
         let message = joined(&drawing, 0.2).unwrap_err().to_string();
         assert!(message.contains("found LINE 2A"), "{message}");
         assert!(joined(&drawing, 1.0).is_err() && joined(&drawing, 0.0).is_err());
+    }
+
+    #[test]
+    fn mismatches_are_the_differences_that_a_tolerance_must_bridge() {
+        assert!(coordinate_mismatches(&block(0.0, 1.0)).is_empty());
+        for drawing in [block(1e-3, 1.0), block(0.0, 1.001)] {
+            assert!(solve(&drawing).map_or(true, |found| !found.unexplained.is_empty()));
+            let found = coordinate_mismatches(&drawing);
+            let tolerance = 1.1 * found[found.len() - 1];
+            let best = solve(&joined(&drawing, tolerance).unwrap()).unwrap().solutions.remove(0);
+            assert!((best.measures.volume - 24_000.0).abs() < 1e-6, "{}", best.measures.volume);
+        }
+        // A step of a hundredth of the size is intended.
+        assert!(coordinate_mismatches(&block(0.4, 1.0)).is_empty());
     }
 }

@@ -84,7 +84,7 @@ impl SightTests {
     /// Collects the tests of every line, and of places where a line may be missing.
     pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
         let mut sight_tests = Self { tests: Vec::new(), seen: HashMap::new() };
-        for view in 0..cells.plan.views.len() {
+        for view in (0..cells.plan.views.len()).filter(|v| !cells.plan.views[*v].is_candidates) {
             sight_tests.along_grid(cells, view);
             sight_tests.along_pieces(cells, view);
             sight_tests.at_crossings(cells, drawing, view);
