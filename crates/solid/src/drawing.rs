@@ -2,8 +2,8 @@
 
 mod content;
 
-pub use content::{Hatch, Section, ViewContent};
 pub(crate) use content::spacing_of;
+pub use content::{Hatch, Section, ViewContent};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Distance from straight lines, relative to the size of the drawing, and from curves, relative to their
@@ -346,7 +346,8 @@ impl Drawing {
     #[must_use]
     pub fn without_further_sections(&self) -> Option<Self> {
         let sight = |view: &View| view.kind.axes()[2];
-        let is_shown = |view: &View| self.views.iter().any(|v| v.section().is_none() && sight(v) == sight(view));
+        let is_shown =
+            |view: &View| self.views.iter().any(|v| v.section().is_none() && sight(v) == sight(view));
         let is_kept = |view: &&View| view.section().is_none() || !is_shown(view);
         let views: Vec<View> = self.views.iter().filter(is_kept).cloned().collect();
         (views.len() < self.views.len()).then_some(Self { views })

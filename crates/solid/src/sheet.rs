@@ -217,7 +217,15 @@ impl<'a> SheetReader<'a> {
         let boxes: Vec<SheetBox> = curves.iter().map(|c| c.curve.bounds()).collect();
         let near = TOUCHING * groups::size_of_boxes(&boxes);
         let contacts = Contacts::new(curves, &boxes, near);
-        Self { curves, annotations, contacts, boxes, reasons: vec![None; curves.len()], near, hatching: Vec::new() }
+        Self {
+            curves,
+            annotations,
+            contacts,
+            boxes,
+            reasons: vec![None; curves.len()],
+            near,
+            hatching: Vec::new(),
+        }
     }
 
     fn is_left(&self, curve: usize) -> bool {
@@ -330,19 +338,13 @@ impl<'a> SheetReader<'a> {
             unused.map(|k| (self.curves[k].entity.clone(), reason(k))).collect();
         // A polyline has several curves.
         set_aside.dedup();
-        SheetReading {
-            projection: choice.projection,
-            scale,
-            scale_source,
-            views: places,
-            drawing,
-            set_aside,
-        }
+        SheetReading { projection: choice.projection, scale, scale_source, views: places, drawing, set_aside }
     }
 
     /// Whether a curve touches the box of a hatch.
     fn is_hatched(&self, curve: usize) -> bool {
-        let points = |outline: &Vec<[f64; 2]>| outline.iter().map(|p| [[p[0]; 2], [p[1]; 2]]).collect::<Vec<_>>();
+        let points =
+            |outline: &Vec<[f64; 2]>| outline.iter().map(|p| [[p[0]; 2], [p[1]; 2]]).collect::<Vec<_>>();
         let boxes = self.annotations.hatches.iter().map(|outline| groups::joined_box(points(outline)));
         boxes.into_iter().any(|hatch| groups::touch(&hatch, &self.boxes[curve], self.near))
     }

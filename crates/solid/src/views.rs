@@ -361,39 +361,32 @@ fn solve_grid(
         preference::preferences(&cells),
     ]
     .concat();
-    let found = search::search(
-        &cells,
-        &sight_tests,
-        smooth_edges,
-        &preferred,
-        MAX_SOLUTIONS,
-        |assignment| {
-            let solution = match solution(&cells, assignment, scale) {
-                Ok(solution) => solution,
-                Err(rejected) => {
-                    solutions.rejected.push(rejected);
-                    return Vec::new();
-                }
-            };
-            // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
-            // this, because samples miss small cells; measures alone do not, because a hole may be in two
-            // places with the same volume, area and centroid. Both are required.
-            for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
-                let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
-                let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
-                let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
-                if by_slivers || same.has_vertices_of(&solution) {
-                    // Keep the solution with the fewest faces and edges.
-                    if solution.compared(same).is_lt() {
-                        (*first, *same) = (assignment.clone(), solution);
-                    }
-                    return if by_slivers { between } else { Vec::new() };
-                }
+    let found = search::search(&cells, &sight_tests, smooth_edges, &preferred, MAX_SOLUTIONS, |assignment| {
+        let solution = match solution(&cells, assignment, scale) {
+            Ok(solution) => solution,
+            Err(rejected) => {
+                solutions.rejected.push(rejected);
+                return Vec::new();
             }
-            known.push((assignment.clone(), solution));
-            Vec::new()
-        },
-    );
+        };
+        // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
+        // this, because samples miss small cells; measures alone do not, because a hole may be in two
+        // places with the same volume, area and centroid. Both are required.
+        for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
+            let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
+            let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
+            let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
+            if by_slivers || same.has_vertices_of(&solution) {
+                // Keep the solution with the fewest faces and edges.
+                if solution.compared(same).is_lt() {
+                    (*first, *same) = (assignment.clone(), solution);
+                }
+                return if by_slivers { between } else { Vec::new() };
+            }
+        }
+        known.push((assignment.clone(), solution));
+        Vec::new()
+    });
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);

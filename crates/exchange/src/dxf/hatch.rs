@@ -71,10 +71,7 @@ fn bulged(a: [f64; 2], b: [f64; 2], bulge: f64) -> Vec<[f64; 2]> {
     let angle = 4.0 * bulge.atan();
     // The centre is on the left of the chord for a positive bulge below a half turn.
     let off = 0.5 / (angle / 2.0).tan();
-    let center = [
-        (a[0] + b[0]) / 2.0 - off * (b[1] - a[1]),
-        (a[1] + b[1]) / 2.0 + off * (b[0] - a[0]),
-    ];
+    let center = [(a[0] + b[0]) / 2.0 - off * (b[1] - a[1]), (a[1] + b[1]) / 2.0 + off * (b[0] - a[0])];
     let from = [a[0] - center[0], a[1] - center[1]];
     let count = (angle.abs() / TAU * ELLIPSE_POINTS as f64).ceil() as usize;
     (1..count)
@@ -146,10 +143,7 @@ fn ellipse(edge: &[&Group]) -> Result<Vec<[f64; 2]>> {
     let ratio = value(edge, 40)?.unwrap_or(1.0);
     let at = |k: usize| {
         let (sin, cos) = (start + sweep * k as f64 / ELLIPSE_POINTS as f64).to_radians().sin_cos();
-        [
-            center[0] + cos * major.0 - ratio * sin * major.1,
-            center[1] + cos * major.1 + ratio * sin * major.0,
-        ]
+        [center[0] + cos * major.0 - ratio * sin * major.1, center[1] + cos * major.1 + ratio * sin * major.0]
     };
     Ok((0..=ELLIPSE_POINTS).map(at).collect())
 }

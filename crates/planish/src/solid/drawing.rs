@@ -148,8 +148,7 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
 /// Removes repeated lines and reports the first of them. If one is visible and the other hidden, the visible
 /// one is kept.
 pub(super) fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
-    let all =
-        Drawing { views: vec![View::new(planish_solid::views::ViewKind::Front, curves.clone())] };
+    let all = Drawing { views: vec![View::new(planish_solid::views::ViewKind::Front, curves.clone())] };
     let step = (REPEATED_LINE_TOLERANCE * all.size()).max(f64::MIN_POSITIVE);
     let key = |curve: &Curve2| {
         let points = curve.points();

@@ -25,7 +25,9 @@ pub(super) fn search_relaxed(
     // An error here has the same cause as that of the drawing as it is, which names the lines.
     let solved = |readings: Vec<ReadDrawing>| match readings.is_empty() {
         true => None,
-        false => search_readings(readings, progress, |error, _| error).ok().filter(SearchedReading::is_solved),
+        false => {
+            search_readings(readings, progress, |error, _| error).ok().filter(SearchedReading::is_solved)
+        }
     };
     let mismatches = match is_exact {
         true => Vec::new(),

@@ -159,8 +159,7 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
 /// Scales a view of a file of its own by its dimensions.
 pub(super) fn scale_view(view: &mut View, file: &DxfDrawing) -> Option<Finding> {
     let scale = scale_of_dimensions(&file.annotations.dimensions).filter(|scale| *scale != 1.0)?;
-    let drawing =
-        Drawing { views: vec![std::mem::replace(view, View::new(view.kind, Vec::new()))] };
+    let drawing = Drawing { views: vec![std::mem::replace(view, View::new(view.kind, Vec::new()))] };
     view.curves = drawing.scaled(scale).views.remove(0).curves;
     let text = format!("lengths are {scale} times those of the drawing, as its dimensions state");
     Some(Finding::new(FindingCode::ScaleApplied, text))

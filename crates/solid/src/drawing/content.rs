@@ -76,7 +76,9 @@ impl Hatch {
         for direction in [across, across.map(|c| -c)] {
             let pieces = curves.iter().map(|c| c.curve.points());
             let to_curve = pieces
-                .flat_map(|points| points.windows(2).filter_map(|w| met(p, direction, [w[0], w[1]])).collect::<Vec<_>>())
+                .flat_map(|points| {
+                    points.windows(2).filter_map(|w| met(p, direction, [w[0], w[1]])).collect::<Vec<_>>()
+                })
                 .fold(MISSED * spacing, f64::min);
             if self.lines.iter().filter_map(|line| met(p, direction, *line)).any(|t| t < to_curve) {
                 return Some(true);
@@ -152,8 +154,7 @@ mod tests {
             style: LineStyle::Visible,
             entity: String::new(),
         };
-        let mut curves: Vec<DrawnCurve> =
-            [0.0, 4.0, 6.0, 10.0].map(|x| line([x, 0.0], [x, 10.0])).to_vec();
+        let mut curves: Vec<DrawnCurve> = [0.0, 4.0, 6.0, 10.0].map(|x| line([x, 0.0], [x, 10.0])).to_vec();
         curves.extend([0.0, 10.0].map(|y| line([0.0, y], [10.0, y])));
         let contains = |p: [f64; 2]| hatch.contains(p, &curves);
         assert_eq!(contains([2.0, 4.4]), Some(true));

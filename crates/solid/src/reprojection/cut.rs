@@ -16,7 +16,8 @@ pub(super) fn behind(lines: Vec<Outline>, eye: Eye, near: f64) -> Vec<Outline> {
     let mut found = Vec::new();
     for line in lines {
         // A piece that crosses the plane is left out; lines at the plane are borders of the material.
-        for points in line.points.chunk_by(|a, b| eye.is_behind_cut(*a, near) && eye.is_behind_cut(*b, near)) {
+        for points in line.points.chunk_by(|a, b| eye.is_behind_cut(*a, near) && eye.is_behind_cut(*b, near))
+        {
             if points.len() > 1 {
                 found.push(Outline { points: points.to_vec(), ..line });
             }

@@ -38,7 +38,9 @@ impl SheetReader<'_> {
                 let is_same = |other: &f64| (other - radius).abs() <= self.near;
                 let is_known = |drawn: &DrawnCurve| match &drawn.curve {
                     Curve2::Arc { center, radius: known, .. } => {
-                        [center[0] - a.at, center[1] - b.at, known - radius].iter().all(|d| d.abs() <= self.near)
+                        [center[0] - a.at, center[1] - b.at, known - radius]
+                            .iter()
+                            .all(|d| d.abs() <= self.near)
                     }
                     _ => false,
                 };

@@ -104,9 +104,7 @@ impl<'a> Chooser<'a> {
                     [None, None] => false,
                     [Some(a), Some(b)] => {
                         let is_section = |g: &Option<usize>| g.is_some_and(|g| self.groups[g].is_section);
-                        (a - b).abs() <= self.near
-                            || is_section(top) && a < b
-                            || is_section(side) && b < a
+                        (a - b).abs() <= self.near || is_section(top) && a < b || is_section(side) && b < a
                     }
                     _ => true,
                 };

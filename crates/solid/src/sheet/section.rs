@@ -78,9 +78,10 @@ impl SheetReader<'_> {
             Curve2::Segment(a, b) => Some([*a, *b]),
             _ => None,
         };
-        let longest = family.iter().filter_map(|k| ends(*k)).max_by(|p, q| {
-            distance(p[0], p[1]).total_cmp(&distance(q[0], q[1]))
-        })?;
+        let longest = family
+            .iter()
+            .filter_map(|k| ends(*k))
+            .max_by(|p, q| distance(p[0], p[1]).total_cmp(&distance(q[0], q[1])))?;
         let length = distance(longest[0], longest[1]);
         let normal = [longest[0][1] - longest[1][1], longest[1][0] - longest[0][0]].map(|c| c / length);
         let level = |p: [f64; 2]| p[0] * normal[0] + p[1] * normal[1];
@@ -166,7 +167,11 @@ impl SheetReader<'_> {
                 continue;
             }
             let has_arrow = |end: [f64; 2]| {
-                self.annotations.arrowheads.iter().flatten().any(|p| distance(*p, end) <= 0.5 * MARK_REACH * size)
+                self.annotations
+                    .arrowheads
+                    .iter()
+                    .flatten()
+                    .any(|p| distance(*p, end) <= 0.5 * MARK_REACH * size)
             };
             let letters = |end: [f64; 2]| -> Vec<char> {
                 let near = self.annotations.texts.iter().filter(|t| distance(t.at, end) <= MARK_REACH * size);
@@ -191,7 +196,8 @@ impl SheetReader<'_> {
         let size = super::groups::size_of_boxes(&self.boxes);
         let reach = MARK_REACH * size;
         let grown = group.bounds.map(|[lo, hi]| [lo - reach, hi + reach]);
-        let beside = self.annotations.texts.iter().filter(|t| is_within(&[[t.at[0]; 2], [t.at[1]; 2]], &grown, 0.0));
+        let beside =
+            self.annotations.texts.iter().filter(|t| is_within(&[[t.at[0]; 2], [t.at[1]; 2]], &grown, 0.0));
         let named = beside.filter_map(|t| {
             let letters: Vec<char> = t.text.chars().filter(|c| !c.is_whitespace()).collect();
             let pair = letters.iter().rev().take(3).rev().copied().collect::<Vec<char>>();

@@ -206,9 +206,11 @@ fn a_section_instead_of_a_view_shows_what_is_cut() {
     // The side view is a section at x = 12, through the block. Its material is the whole outline.
     let mut curves = step_on_a_sheet(Projection::ThirdAngle);
     curves.retain(|c| !(c.entity.contains("160.0, 110.0") && c.entity.contains("170.0, 110.0")));
-    let hatches = vec![[[0.0, 0.0], [30.0, 0.0], [30.0, 10.0], [10.0, 10.0], [10.0, 20.0], [0.0, 20.0]]
-        .map(|p| [p[0] + 160.0, p[1] + 100.0])
-        .to_vec()];
+    let hatches = vec![
+        [[0.0, 0.0], [30.0, 0.0], [30.0, 10.0], [10.0, 10.0], [10.0, 20.0], [0.0, 20.0]]
+            .map(|p| [p[0] + 160.0, p[1] + 100.0])
+            .to_vec(),
+    ];
     let text = |at| SheetText { at, text: "A".to_owned() };
     let marked = |x: f64| Annotations {
         hatches: hatches.clone(),

@@ -31,7 +31,9 @@ impl SightTests {
                         if drawing.views[view].is_near_border(at, plan.size) {
                             continue;
                         }
-                        let Some(is_hatched) = hatch.contains(at, &drawing.views[view].curves) else { continue };
+                        let Some(is_hatched) = hatch.contains(at, &drawing.views[view].curves) else {
+                            continue;
+                        };
                         let column = cells.column(view, at);
                         let behind = column.breaks.first().filter(|b| b.surface == SurfaceId::Cut);
                         let cell = behind.map_or(column.start, |b| b.cell);

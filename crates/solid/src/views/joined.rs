@@ -44,7 +44,8 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
         )));
     }
     let values = coordinates(drawing);
-    let groups = values.map(|values| grouped(values, tolerance));
+    let mut groups = values.map(|values| grouped(values, tolerance));
+    put_ends_on_circles(drawing, &mut groups, tolerance);
     let mut found = drawing.clone();
     for view in &mut found.views {
         let axes = view.kind.axes();
@@ -77,6 +78,48 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
         }
     }
     Ok(found)
+}
+
+/// Replaces the coordinate of a line along an axis where it ends at a circle, by that of the intersection.
+///
+/// Centres, radii and lines have designed coordinates; their intersections have not, and are rounded in files.
+/// The search computes them from circle and line, and would find an end beside them.
+fn put_ends_on_circles(drawing: &Drawing, groups: &mut [Vec<[f64; 3]>; 3], tolerance: f64) {
+    let joined = groups.clone();
+    for view in &drawing.views {
+        let axes = view.kind.axes();
+        let to = |k: usize, value: f64| representative(&joined[axes[k]], value);
+        for drawn in &view.curves {
+            let Curve2::Segment(a, b) = &drawn.curve else { continue };
+            // The coordinate that is the same at both ends.
+            let Some(level) = (0..2).find(|k| (a[*k] - b[*k]).abs() <= tolerance && a[1 - k] != b[1 - k])
+            else {
+                continue;
+            };
+            for end in [a, b] {
+                for other in &view.curves {
+                    let Curve2::Arc { center, radius, .. } = &other.curve else { continue };
+                    let off = to(level, end[level]) - to(level, center[level]);
+                    let half = (radius * radius - off * off).max(0.0).sqrt();
+                    // Near the point where the line is tangent, the intersection is uncertain.
+                    if half < 0.1 * radius {
+                        continue;
+                    }
+                    let middle = to(1 - level, center[1 - level]);
+                    let value = end[1 - level];
+                    let at = if value > middle { middle + half } else { middle - half };
+                    if (at - value).abs() > tolerance {
+                        continue;
+                    }
+                    let known = &mut groups[axes[1 - level]];
+                    let place = known.partition_point(|g| g[1] < value);
+                    if let Some(group) = known.get_mut(place).filter(|g| g[0] <= value) {
+                        group[2] = at;
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Coordinates of each axis, of ends of lines, and of centres and extremes of circles.
@@ -166,7 +209,7 @@ fn representative(groups: &[[f64; 3]], value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{rectangle, segment};
-    use super::super::{LineStyle, View, ViewKind, solve};
+    use super::super::{DrawnCurve, LineStyle, View, ViewKind, solve};
     use super::*;
 
     fn block(gap: f64, scale: f64) -> Drawing {
@@ -199,6 +242,21 @@ mod tests {
         let message = joined(&drawing, 0.2).unwrap_err().to_string();
         assert!(message.contains("found LINE 2A"), "{message}");
         assert!(joined(&drawing, 1.0).is_err() && joined(&drawing, 0.0).is_err());
+    }
+
+    #[test]
+    fn rounded_ends_of_lines_are_put_on_their_circle() {
+        // A shaft of diameter 10 along z with a flat at y = 8.1, which ends at 5 ± √(25 − 3.1²), rounded.
+        let half = (25.0_f64 - 3.1 * 3.1).sqrt();
+        let rounded = (half * 1e3).round() / 1e3;
+        let circle = Curve2::Arc { center: [5.0, 5.0], radius: 5.0, start: 0.0, sweep: 1.0 };
+        let flat = segment([5.0 - rounded, 8.1], [5.0 + rounded, 8.1], LineStyle::Visible);
+        let arc = DrawnCurve { curve: circle, ..flat.clone() };
+        let drawing = Drawing { views: vec![View::new(ViewKind::Top, vec![flat, arc])] };
+        let Curve2::Segment(a, b) = joined(&drawing, 1e-3).unwrap().views[0].curves[0].curve.clone() else {
+            panic!("expected a segment");
+        };
+        assert!((b[0] - a[0] - 2.0 * half).abs() < 1e-12 && (rounded - half).abs() > 1e-5);
     }
 
     #[test]
