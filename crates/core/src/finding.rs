@@ -235,8 +235,8 @@ codes! {
     SectionUsed = "section-used", Info: "A hatched section of a sheet is a view.",
     HiddenLinesOmitted = "hidden-lines-omitted", Warning:
         "A solid has hidden edges in a view that draws no hidden lines.",
-    ToleranceEstimated = "tolerance-estimated", Info: "The accuracy of coordinates is that of the drawing.",
-    DrawingEdited = "drawing-edited", Warning: "A solid has the views of the drawing after lines are changed.",
+    ToleranceEstimated = "tolerance-estimated", Warning:
+        "Coordinates that nearly agree are treated as equal to find a solid.",
     NoSolid = "no-solid", Error: "No solid explains all lines.",
     SolidUnique = "solid-unique", Info: "Exactly one solid has these views.",
     TwoViews = "two-views", Warning:

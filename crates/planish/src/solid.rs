@@ -233,7 +233,8 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         None => drawing::explain(error, drawing, &job.views),
     };
     let searched = match search_readings(readings.clone(), progress, explain) {
-        Ok(searched) if searched.is_solved() => searched,
+        // A search that is cut off has many solids; a weaker reading has more.
+        Ok(searched) if searched.is_solved() || !searched.found.complete => searched,
         strict => {
             // Contours are consistent within their σ already, and a given tolerance was applied on reading.
             let is_exact = noisy.is_some() || job.tolerance.is_some();

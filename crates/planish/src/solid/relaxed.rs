@@ -16,12 +16,16 @@ use planish_solid::views::{coordinate_mismatches, joined};
 /// Factor by which coordinates may differ more than those of the mismatch that is assumed.
 const MARGIN: f64 = 1.1;
 
+/// Maximum number of readings of a sheet that are relaxed, because each search takes time.
+const MAX_READINGS: usize = 2;
+
 /// Searches the readings of a drawing with more and more freedom; none if no solid is found.
 pub(super) fn search_relaxed(
     readings: &[ReadDrawing],
     is_exact: bool,
     progress: &dyn Progress,
 ) -> Option<SearchedReading> {
+    let readings = &readings[..readings.len().min(MAX_READINGS)];
     // An error here has the same cause as that of the drawing as it is, which names the lines.
     let solved = |readings: Vec<ReadDrawing>| match readings.is_empty() {
         true => None,
@@ -33,19 +37,13 @@ pub(super) fn search_relaxed(
         true => Vec::new(),
         false => readings.first().map_or(Vec::new(), |first| coordinate_mismatches(&first.drawing)),
     };
-    let within = |readings: &[ReadDrawing], mismatch: f64| -> Vec<ReadDrawing> {
-        readings.iter().filter_map(|reading| with_tolerance(reading, MARGIN * mismatch)).collect()
-    };
-    for mismatch in &mismatches {
-        if let Some(found) = solved(within(readings, *mismatch)) {
+    for mismatch in mismatches {
+        let joined = readings.iter().filter_map(|reading| with_tolerance(reading, MARGIN * mismatch));
+        if let Some(found) = solved(joined.collect()) {
             return Some(found);
         }
     }
-    let visible: Vec<ReadDrawing> = readings.iter().filter_map(without_hidden).collect();
-    if visible.is_empty() {
-        return None;
-    }
-    solved(visible.clone()).or_else(|| mismatches.iter().find_map(|m| solved(within(&visible, *m))))
+    solved(readings.iter().filter_map(without_hidden).collect())
 }
 
 /// The reading with coordinates joined that are at most a tolerance apart.

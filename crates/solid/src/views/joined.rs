@@ -11,7 +11,7 @@ use crate::drawing::{Curve2, Drawing, ViewContent};
 use planish_estimate::{Error, Result};
 
 /// Limits of the decades of errors of coordinates, relative to the size of a drawing.
-const MISMATCHES: [f64; 6] = [2e-7, 2e-6, 2e-5, 2e-4, 8e-4, 2e-3];
+const MISMATCHES: [f64; 4] = [2e-7, 2e-5, 2e-4, 2e-3];
 
 /// Joins coordinates that are at most `tolerance` apart, in the unit of the drawing.
 ///
