@@ -256,7 +256,7 @@ mod tests {
         let Curve2::Segment(a, b) = joined(&drawing, 1e-3).unwrap().views[0].curves[0].curve.clone() else {
             panic!("expected a segment");
         };
-        assert!((b[0] - a[0] - 2.0 * half).abs() < 1e-12 && (rounded - half).abs() > 1e-5);
+        assert!((b[0] - a[0] - 2.0 * half).abs() < 1e-12 && (rounded - half).abs() > 1e-6);
     }
 
     #[test]
