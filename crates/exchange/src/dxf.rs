@@ -7,7 +7,8 @@
 //!
 //! **Output.** Curves with their style, the unit of `$INSUNITS`, counts of ignored entities by kind, and
 //! messages on what was ignored and on dimensions that conflict with the drawing. Texts, outlines of
-//! hatches, centre lines, arrowheads and dimensions are [`Annotations`]. Coordinates are those of the file: x to the right, y up.
+//! hatches, centre lines, arrowheads and dimensions are [`Annotations`]. Coordinates are those of the file: x
+//! to the right, y up.
 //!
 //! **Limits.** Entities outside the xy plane (an extrusion direction other than ±z) are errors. Binary DXF
 //! and meshes (`POLYLINE` of faces) are not supported.

@@ -14,7 +14,7 @@
 //! 4. `compare`: points along every drawn curve must lie on a line of the solid, a visible one where drawn
 //!    visible; points along every line of the solid must lie on a drawn curve, on a visible one where seen.
 //!
-//! Of a section, only what lies behind the cutting plane is compared, and faces before it hide nothing. A line
+//! Of a section, only what is behind the cutting plane is compared, and faces before it hide nothing. A line
 //! may also be the border of the material that is cut; this must be where the view is hatched (`cut`). Views
 //! without hidden lines need to show visible lines only.
 //!

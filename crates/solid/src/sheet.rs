@@ -14,10 +14,10 @@
 //!    curves. Details and pictorial views align with none.
 //! 4. The scale is that of the dimensions, or of the title block if the frame has the size of a paper.
 //!
-//! A hatched group is a section: the part behind a cutting plane, which is marked in another view. It may take
+//! A hatched group is a section: the part behind a cutting plane, marked in another view. It may take
 //! the place of a view, or be a further one.
 //!
-//! **Limits.** Sections are full, by one plane across the line of sight: half sections, offset and aligned ones
+//! **Limits.** Sections are full, by one plane across the line of sight: half sections and offset ones
 //! are read as if they were, and their solids are refused.
 //!
 //! # References

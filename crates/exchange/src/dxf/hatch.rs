@@ -171,7 +171,8 @@ mod tests {
     fn paths_of_bulges_and_of_edges_bound_the_same_half_disc() {
         let bulged = record("10 0 20 0 91 1 92 2 72 1 73 1 93 2 10 1 20 0 42 1 10 -1 20 0 42 0 97 0 75 0");
         let edges = record(
-            "10 0 20 0 91 1 92 1 93 2 72 2 10 0 20 0 40 1 50 0 51 180 73 1 72 1 10 -1 20 0 11 1 21 0 97 0 75 0",
+            "10 0 20 0 91 1 92 1 93 2 72 2 10 0 20 0 40 1 50 0 51 180 73 1 \
+             72 1 10 -1 20 0 11 1 21 0 97 0 75 0",
         );
         for record in [bulged, edges] {
             let found = outlines(&record, &Affine::IDENTITY).unwrap();

@@ -1,5 +1,5 @@
-//! Sections: what of a solid lies behind the cutting plane, and whether its material in the plane is where the
-//! view is hatched.
+//! Sections: what of a solid lies behind the cutting plane, and whether its material in the plane is where
+//! the view is hatched.
 
 use super::Disagreement;
 use super::outlines::Outline;
@@ -8,7 +8,7 @@ use crate::drawing::View;
 
 /// Number of sample places along each side of a section. More find smaller differences and take more time.
 const SAMPLES: usize = 48;
-/// Minimum number of samples at which a difference is reported. A single one may be at the border of a region.
+/// Minimum number of samples of a reported difference. A single one may be at the border of a region.
 const MIN_PLACES: usize = 2;
 
 /// The parts of lines that are behind the cutting plane by more than a distance.

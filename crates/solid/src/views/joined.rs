@@ -82,7 +82,7 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
 
 /// Replaces the coordinate of a line along an axis where it ends at a circle, by that of the intersection.
 ///
-/// Centres, radii and lines have designed coordinates; their intersections have not, and are rounded in files.
+/// Centres, radii and lines have designed coordinates; their intersections are rounded in files.
 /// The search computes them from circle and line, and would find an end beside them.
 fn put_ends_on_circles(drawing: &Drawing, groups: &mut [Vec<[f64; 3]>; 3], tolerance: f64) {
     let joined = groups.clone();

@@ -1,5 +1,5 @@
-//! Preferences of the search: no cylinder where a surface of revolution is in the same box, and no hidden edge
-//! that is not drawn.
+//! Preferences of the search: no cylinder where a surface of revolution is in the same box, and no hidden
+//! edge that is not drawn.
 //!
 //! A view without hidden lines leaves open where faces end that it does not show. The search first looks for
 //! solids with few such faces: a hole goes through rather than ends at any level of the drawing.
