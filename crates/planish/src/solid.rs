@@ -25,7 +25,7 @@ use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use page::solid_page;
 use planish_core::Progress;
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
 use planish_solid::drawing::{View, ViewContent};
@@ -235,6 +235,8 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let searched = match search_readings(readings.clone(), progress, explain) {
         // A search that is cut off has many solids; a weaker reading has more.
         Ok(searched) if searched.is_solved() || !searched.found.complete => searched,
+        // A drawing that is too large for the search stays so.
+        Err(error) if error.kind() == ErrorKind::Unsupported => return Err(error),
         strict => {
             // Contours are consistent within their σ already, and a given tolerance was applied on reading.
             let is_exact = noisy.is_some() || job.tolerance.is_some();
