@@ -230,8 +230,8 @@ impl SheetReader<'_> {
             let shows = |(_, (other, g)): &(usize, &(ViewKind, CurveGroup))| {
                 !g.is_section && other.axes()[..2].contains(&axis)
             };
-            let others = choice.views.iter().enumerate().filter(|(other, _)| *other != view);
-            let Some((_, (other, whole))) = others.filter(shows).next().filter(|_| group.is_section) else {
+            let mut others = choice.views.iter().enumerate().filter(|(other, _)| *other != view);
+            let Some((_, (other, whole))) = others.find(shows).filter(|_| group.is_section) else {
                 return own;
             };
             let l = usize::from(other.axes()[1] == axis);
