@@ -232,6 +232,11 @@ codes! {
     ScaleApplied = "scale-applied", Info: "Lengths of a drawing are multiplied by its scale.",
     ScaleUnknown = "scale-unknown", Warning: "The scale of a sheet is not known.",
     ProjectionOpen = "projection-open", Warning: "A sheet shows a solid in both conventions of projection.",
+    SectionUsed = "section-used", Info: "A hatched section of a sheet is a view.",
+    HiddenLinesOmitted = "hidden-lines-omitted", Warning:
+        "A solid has hidden edges in a view that draws no hidden lines.",
+    ToleranceEstimated = "tolerance-estimated", Warning:
+        "Coordinates that nearly agree are treated as equal to find a solid.",
     NoSolid = "no-solid", Error: "No solid explains all lines.",
     SolidUnique = "solid-unique", Info: "Exactly one solid has these views.",
     TwoViews = "two-views", Warning:

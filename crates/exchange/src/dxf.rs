@@ -6,8 +6,9 @@
 //! alternating dashes, are ignored.
 //!
 //! **Output.** Curves with their style, the unit of `$INSUNITS`, counts of ignored entities by kind, and
-//! messages on what was ignored and on dimensions that conflict with the drawing. Texts, boxes of hatches,
-//! arrowheads and dimensions are [`Annotations`]. Coordinates are those of the file: x to the right, y up.
+//! messages on what was ignored and on dimensions that conflict with the drawing. Texts, outlines of
+//! hatches, centre lines, arrowheads and dimensions are [`Annotations`]. Coordinates are those of the file: x
+//! to the right, y up.
 //!
 //! **Limits.** Entities outside the xy plane (an extrusion direction other than ±z) are errors. Binary DXF
 //! and meshes (`POLYLINE` of faces) are not supported.
@@ -19,6 +20,7 @@ mod annotation;
 mod dimension;
 mod entity;
 mod groups;
+mod hatch;
 mod line_style;
 mod placed;
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod misses;
 mod nearby_curves;
 mod noisy;
 mod page;
+mod relaxed;
 mod sheet;
 mod writing;
 
@@ -24,9 +25,10 @@ use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use page::solid_page;
 use planish_core::Progress;
-use planish_estimate::{Error, Result};
+use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
+use planish_solid::drawing::{View, ViewContent};
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
 pub use planish_solid::sheet::Projection;
@@ -230,7 +232,17 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         Some(noisy) => noisy.explain(error),
         None => drawing::explain(error, drawing, &job.views),
     };
-    let searched = search_readings(readings, progress, explain)?;
+    let searched = match search_readings(readings.clone(), progress, explain) {
+        // A search that is cut off has many solids; a weaker reading has more.
+        Ok(searched) if searched.is_solved() || !searched.found.complete => searched,
+        // A drawing that is too large for the search stays so.
+        Err(error) if error.kind() == ErrorKind::Unsupported => return Err(error),
+        strict => {
+            // Contours are consistent within their σ already, and a given tolerance was applied on reading.
+            let is_exact = noisy.is_some() || job.tolerance.is_some();
+            relaxed::search_relaxed(&readings, is_exact, progress).map_or(strict, Ok)?
+        }
+    };
     let SearchedReading { reading: ReadDrawing { drawing, sheet, findings: noticed }, found, differences } =
         searched;
     findings.extend(noticed);
@@ -279,7 +291,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
-    report.findings.extend(judge(&report, drawing.views.len()));
+    report.findings.extend(judge(&report, complete_views(&drawing)));
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
             write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.findings)?.as_ref())?;
@@ -335,17 +347,16 @@ fn search_readings(
             continue;
         }
         progress.check("searching", 0.1)?;
+        // Sections beside complete views choose among the solids of these; they are needed for the search
+        // only if none of these solids agrees with them.
+        let views = reading.drawing.without_further_sections();
+        let by_views = views.and_then(|views| searched(reading.clone(), &views).ok());
         // Errors of the search refer to entities of the drawing. The files are known only to the caller.
-        let found = solve(&reading.drawing).map_err(|e| explain(e, &reading.drawing));
+        let searched = match by_views.filter(SearchedReading::is_solved) {
+            Some(by_views) => Ok(by_views),
+            None => searched(reading.clone(), &reading.drawing).map_err(|e| explain(e, &reading.drawing)),
+        };
         progress.check("comparing", 0.6)?;
-        let searched = found.map(|found| {
-            // The search samples places and can miss one. An independent check by rays decides what is
-            // written (`docs/decisions/0058`).
-            let compared =
-                |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
-            let differences = found.solutions.iter().map(compared).collect();
-            SearchedReading { reading, found, differences }
-        });
         match (searched, &mut solved) {
             (Ok(searched), Some(used)) if searched.is_solved() => {
                 used.reading.findings.extend(used.reading.sheet.as_ref().map(sheet::open_convention));
@@ -359,6 +370,16 @@ fn search_readings(
     }
     let none = || Err(Error::input("expected views, found none"));
     solved.map_or_else(|| first.unwrap_or_else(none), Ok)
+}
+
+/// Finds the solids of a drawing, and compares them with all views of a reading.
+fn searched(reading: ReadDrawing, drawing: &Drawing) -> Result<SearchedReading> {
+    let found = solve(drawing)?;
+    // The search samples places and can miss one. An independent check by rays decides what is written
+    // (`docs/decisions/0058`).
+    let compared = |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
+    let differences = found.solutions.iter().map(compared).collect();
+    Ok(SearchedReading { reading, found, differences })
 }
 
 /// Splits solutions into those that show exactly the lines of the drawing and those that are refused.
@@ -398,6 +419,15 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
         .collect()
 }
 
+/// Number of lines of sight along which the whole part is shown.
+fn complete_views(drawing: &Drawing) -> usize {
+    let is_whole = |view: &&View| !matches!(view.content, ViewContent::Section(_) | ViewContent::Candidates);
+    let mut sights: Vec<usize> = drawing.views.iter().filter(is_whole).map(|v| v.kind.axes()[2]).collect();
+    sights.sort_unstable();
+    sights.dedup();
+    sights.len()
+}
+
 /// The findings that follow from the solids and from the agreement of the views.
 fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -407,7 +437,7 @@ fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
             found.push(Finding::new(FindingCode::NoSolid, text));
         }
         // A hole seen from two sides may be round or square, and a bar may be round or flat.
-        1 if views == 2 => {
+        1 if views < 3 => {
             let text = "one solid of the simplest faces has these views; two views leave open whether what \
                         runs along the missing direction is flat or round: add the third view";
             found.push(Finding::new(FindingCode::TwoViews, text));

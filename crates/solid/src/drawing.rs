@@ -1,6 +1,15 @@
 //! Data model of a drawing: curves with line styles in up to three views, in model coordinates.
 
+mod content;
+
+pub(crate) use content::spacing_of;
+pub use content::{Hatch, Section, ViewContent};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Distance from straight lines, relative to the size of the drawing, and from curves, relative to their
+/// extent, from which on points are clear of the borders of hatched regions. These are often polygons of
+/// curves: those with 24 sides to a turn are off by 0.009 radii.
+const BORDER_CLEARANCE: [f64; 2] = [1e-4, 0.01];
 
 /// Viewing direction of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -261,12 +270,57 @@ pub struct View {
     pub kind: ViewKind,
     /// Curves of the view.
     pub curves: Vec<DrawnCurve>,
+    /// What it shows of the part.
+    pub content: ViewContent,
+}
+
+impl View {
+    /// A view that shows all edges.
+    #[must_use]
+    pub fn new(kind: ViewKind, curves: Vec<DrawnCurve>) -> Self {
+        Self { kind, curves, content: ViewContent::AllEdges }
+    }
+
+    /// Whether a missing line means that there is no edge, not even a hidden one.
+    #[must_use]
+    pub fn shows_hidden_edges(&self) -> bool {
+        self.content == ViewContent::AllEdges
+    }
+
+    /// Whether a line is drawn hidden.
+    #[must_use]
+    pub fn has_hidden_lines(&self) -> bool {
+        self.curves.iter().any(|c| c.style == LineStyle::Hidden)
+    }
+
+    /// Whether a point may be on the wrong side of the border of a hatched region: it is near a line.
+    pub(crate) fn is_near_border(&self, p: [f64; 2], size: f64) -> bool {
+        self.curves.iter().any(|drawn| {
+            let near = match &drawn.curve {
+                Curve2::Segment(..) => BORDER_CLEARANCE[0] * size,
+                curve => {
+                    let bounds = curve.bounds();
+                    BORDER_CLEARANCE[1] * bounds.iter().map(|b| b[1] - b[0]).fold(0.0, f64::max)
+                }
+            };
+            distance(nearest_on_curve(&drawn.curve, p), p) <= near
+        })
+    }
+
+    /// The section that it shows, if it is one.
+    #[must_use]
+    pub fn section(&self) -> Option<&Section> {
+        match &self.content {
+            ViewContent::Section(section) => Some(section),
+            _ => None,
+        }
+    }
 }
 
 /// Views of one part, in one frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Drawing {
-    /// At most one of each kind.
+    /// At most one of each kind, beside sections.
     pub views: Vec<View>,
 }
 
@@ -287,6 +341,18 @@ impl Drawing {
         bounds
     }
 
+    /// The drawing without sections along a line of sight that another view shows as well; none if there are
+    /// no such sections.
+    #[must_use]
+    pub fn without_further_sections(&self) -> Option<Self> {
+        let sight = |view: &View| view.kind.axes()[2];
+        let is_shown =
+            |view: &View| self.views.iter().any(|v| v.section().is_none() && sight(v) == sight(view));
+        let is_kept = |view: &&View| view.section().is_none() || !is_shown(view);
+        let views: Vec<View> = self.views.iter().filter(is_kept).cloned().collect();
+        (views.len() < self.views.len()).then_some(Self { views })
+    }
+
     /// The drawing with all lengths times a factor.
     ///
     /// ```
@@ -294,7 +360,7 @@ impl Drawing {
     ///
     /// let curve = Curve2::Segment([1.0, 0.0], [3.0, 4.0]);
     /// let line = DrawnCurve { curve, style: LineStyle::Visible, entity: "LINE 1".to_owned() };
-    /// let drawing = Drawing { views: vec![View { kind: ViewKind::Front, curves: vec![line] }] };
+    /// let drawing = Drawing { views: vec![View::new(ViewKind::Front, vec![line])] };
     /// assert_eq!(drawing.scaled(2.0).views[0].curves[0].curve, Curve2::Segment([2.0, 0.0], [6.0, 8.0]));
     /// ```
     #[must_use]
@@ -311,6 +377,11 @@ impl Drawing {
         for drawn in scaled.views.iter_mut().flat_map(|v| &mut v.curves) {
             drawn.curve = curve(&drawn.curve);
         }
+        for view in &mut scaled.views {
+            if let ViewContent::Section(section) = &mut view.content {
+                *section = Section { at: factor * section.at, hatch: section.hatch.mapped(|p| at(&p)) };
+            }
+        }
         scaled
     }
 
@@ -324,7 +395,7 @@ impl Drawing {
     ///     style: LineStyle::Visible,
     ///     entity: "LINE 1".to_owned(),
     /// };
-    /// let drawing = Drawing { views: vec![View { kind: ViewKind::Front, curves: vec![line] }] };
+    /// let drawing = Drawing { views: vec![View::new(ViewKind::Front, vec![line])] };
     /// assert_eq!(drawing.size(), 20.0);
     /// ```
     #[must_use]

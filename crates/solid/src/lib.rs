@@ -19,9 +19,9 @@
 //!         .collect::<Vec<_>>()
 //! };
 //! let views = vec![
-//!     View { kind: ViewKind::Front, curves: rectangle(40.0, 20.0) },
-//!     View { kind: ViewKind::Top, curves: rectangle(40.0, 30.0) },
-//!     View { kind: ViewKind::Side, curves: rectangle(30.0, 20.0) },
+//!     View::new(ViewKind::Front, rectangle(40.0, 20.0)),
+//!     View::new(ViewKind::Top, rectangle(40.0, 30.0)),
+//!     View::new(ViewKind::Side, rectangle(30.0, 20.0)),
 //! ];
 //! let drawing = Drawing { views };
 //! let found = solve(&drawing)?;

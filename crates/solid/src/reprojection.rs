@@ -14,12 +14,17 @@
 //! 4. `compare`: points along every drawn curve must lie on a line of the solid, a visible one where drawn
 //!    visible; points along every line of the solid must lie on a drawn curve, on a visible one where seen.
 //!
+//! Of a section, only what is behind the cutting plane is compared, and faces before it hide nothing. A line
+//! may also be the border of the material that is cut; this must be where the view is hatched (`cut`). Views
+//! without hidden lines need to show visible lines only.
+//!
 //! Edges along which the boundary only touches itself (a cusp, or two coincident edges) are optional, because
 //! drawing conventions differ.
 //!
 //! Limits: differences shorter than [`ReprojectionOptions::shortest`] or between sample points are not found.
 
 mod compare;
+mod cut;
 mod nearby;
 mod outlines;
 mod scene;

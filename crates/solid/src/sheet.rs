@@ -11,26 +11,31 @@
 //!    outlines, curves with a free end are set aside.
 //! 3. Curves whose bounding boxes touch form groups. The views are the groups that are aligned with one of
 //!    them, the front view, and agree with it in their extents; of several choices, that with the most
-//!    curves. Sections, details and pictorial views align with none, or are hatched.
+//!    curves. Details and pictorial views align with none.
 //! 4. The scale is that of the dimensions, or of the title block if the frame has the size of a paper.
 //!
-//! **Limits.** Sections are not read. A sheet with two views and a section is an error, because the section
-//! may show what the views do not.
+//! A hatched group is a section: the part behind a cutting plane, marked in another view. It may take
+//! the place of a view, or be a further one.
+//!
+//! **Limits.** Sections are full, by one plane across the line of sight: half sections and offset ones
+//! are read as if they were, and their solids are refused.
 //!
 //! # References
 //! ISO 128 (lines, views), ISO 5456-2 (projection), ISO 5457 (frames), ISO 7200 (title blocks).
 
 mod annotations;
+mod axes;
 mod choice;
 mod contacts;
 mod frame;
 mod groups;
 mod pens;
 mod scale;
+mod section;
 #[cfg(test)]
 mod tests;
 
-use crate::drawing::{Drawing, DrawnCurve, View, ViewKind};
+use crate::drawing::{Drawing, DrawnCurve, Section, View, ViewContent, ViewKind};
 use planish_estimate::{Error, Result};
 
 pub use annotations::{Annotations, SheetDimension, SheetText};
@@ -86,7 +91,9 @@ pub enum SetAsideReason {
     TitleBlock,
     /// A dimension, a leader, a mark or a symbol.
     Annotation,
-    /// A hatched section.
+    /// Hatching of a section.
+    Hatching,
+    /// A hatched section that is aligned with no view.
     Section,
     /// A view that is not aligned with the front view: a detail, a pictorial or an auxiliary view.
     OtherView,
@@ -102,6 +109,7 @@ impl SetAsideReason {
             Self::Frame => "frame",
             Self::TitleBlock => "title block or table",
             Self::Annotation => "dimension, leader or mark",
+            Self::Hatching => "hatching",
             Self::Section => "section",
             Self::OtherView => "view that is not aligned with the front view",
             Self::Outside => "outside of the given views",
@@ -116,6 +124,8 @@ pub struct SheetView {
     pub kind: ViewKind,
     /// Where it is on the sheet.
     pub bounds: SheetBox,
+    /// Coordinate of the cutting plane along the line of sight, if it is a section.
+    pub section_at: Option<f64>,
 }
 
 /// The views of a sheet.
@@ -175,6 +185,7 @@ pub fn read_sheet(
     let mut reader = SheetReader::new(curves, annotations);
     let found_frame = reader.set_aside_frames();
     reader.set_aside_tables();
+    reader.set_aside_hatching();
     reader.set_aside_annotations();
     let scale = scale::scale_of(annotations, found_frame.as_ref(), options.unit_mm);
     let choices = match options.views.is_empty() {
@@ -184,7 +195,7 @@ pub fn read_sheet(
         }
         false => vec![reader.given(&options.views, options.projection)?],
     };
-    Ok(choices.iter().map(|choice| reader.reading(choice, scale)).collect())
+    Ok(choices.iter().flat_map(|choice| reader.readings(choice, scale)).collect())
 }
 
 /// A sheet while its curves are sorted.
@@ -197,6 +208,8 @@ struct SheetReader<'a> {
     reasons: Vec<Option<SetAsideReason>>,
     /// Accuracy of contacts.
     near: f64,
+    /// Lines that hatch sections.
+    hatching: Vec<[[f64; 2]; 2]>,
 }
 
 impl<'a> SheetReader<'a> {
@@ -204,7 +217,15 @@ impl<'a> SheetReader<'a> {
         let boxes: Vec<SheetBox> = curves.iter().map(|c| c.curve.bounds()).collect();
         let near = TOUCHING * groups::size_of_boxes(&boxes);
         let contacts = Contacts::new(curves, &boxes, near);
-        Self { curves, annotations, contacts, boxes, reasons: vec![None; curves.len()], near }
+        Self {
+            curves,
+            annotations,
+            contacts,
+            boxes,
+            reasons: vec![None; curves.len()],
+            near,
+            hatching: Vec::new(),
+        }
     }
 
     fn is_left(&self, curve: usize) -> bool {
@@ -221,11 +242,7 @@ impl<'a> SheetReader<'a> {
         let left: Vec<usize> = (0..self.curves.len()).filter(|k| self.is_left(*k)).collect();
         let mut groups = grouped(&left, &self.boxes, groups::size_of_boxes(&self.boxes))?;
         for group in &mut groups {
-            group.is_section = self
-                .annotations
-                .hatches
-                .iter()
-                .any(|hatch| groups::is_within(hatch, &group.bounds, self.near));
+            group.is_section = self.is_section(&group.bounds);
         }
         Ok(groups)
     }
@@ -244,7 +261,8 @@ impl<'a> SheetReader<'a> {
                 )));
             }
             let bounds = groups::joined_box(curves.iter().map(|k| self.boxes[*k]));
-            views.push((*kind, CurveGroup { curves, bounds, is_section: false }));
+            let is_section = self.is_section(&bounds);
+            views.push((*kind, CurveGroup { curves, bounds, is_section }));
         }
         Ok(Choice { views, projection: projection.unwrap_or(Projection::ThirdAngle), are_given: true })
     }
@@ -256,8 +274,55 @@ impl<'a> SheetReader<'a> {
         }
     }
 
-    fn reading(&self, choice: &Choice, (scale, scale_source): (f64, ScaleSource)) -> SheetReading {
-        let views = choice.views.iter().map(|(kind, group)| self.placed(*kind, group)).collect();
+    /// The readings of a choice of views; several if it has sections whose cutting planes are not marked.
+    fn readings(&self, choice: &Choice, scale: (f64, ScaleSource)) -> Vec<SheetReading> {
+        let sections = (0..choice.views.len()).filter(|v| choice.views[*v].1.is_section);
+        let planes: Vec<(usize, Vec<(usize, f64)>)> =
+            sections.map(|v| (v, self.planes_of(choice, v))).collect();
+        let count = planes.iter().map(|(_, planes)| planes.len()).max().unwrap_or(1);
+        (0..count)
+            .map(|n| {
+                // Unmarked sections of one sheet are tried in step.
+                let at = |(v, planes): &(usize, Vec<(usize, f64)>)| {
+                    planes.get(n.min(planes.len().saturating_sub(1))).map(|plane| (*v, *plane))
+                };
+                let planes: Vec<(usize, (usize, f64))> = planes.iter().filter_map(at).collect();
+                self.reading(choice, &planes, scale)
+            })
+            .collect()
+    }
+
+    /// A reading with the cutting planes of its sections: the view that shows the plane, and its place there.
+    fn reading(
+        &self,
+        choice: &Choice,
+        planes: &[(usize, (usize, f64))],
+        (scale, scale_source): (f64, ScaleSource),
+    ) -> SheetReading {
+        let near = choice::MAX_MISALIGNMENT * groups::size_of_boxes(&self.boxes);
+        let origins: Vec<[f64; 2]> =
+            (0..choice.views.len()).map(|v| self.origin_of(choice, v, near)).collect();
+        let mut views: Vec<View> = (choice.views.iter().zip(&origins))
+            .map(|((kind, group), origin)| self.placed(*kind, group, *origin))
+            .collect();
+        for (v, (other, at)) in planes {
+            let shown = choice.views[*other].0;
+            let k = usize::from(shown.axes()[1] == views[*v].kind.axes()[2]);
+            let mut place = origins[*other];
+            place[k] = *at;
+            let to_part = into_part(shown, origins[*other]);
+            let hatch = self.hatch_of(&choice.views[*v].1.bounds);
+            let hatch = hatch.mapped(into_part(views[*v].kind, origins[*v]));
+            views[*v].content = ViewContent::Section(Section { at: to_part(place)[k], hatch });
+        }
+        let places: Vec<SheetView> = (choice.views.iter().zip(&views))
+            .map(|((kind, group), view)| SheetView {
+                kind: *kind,
+                bounds: group.bounds,
+                section_at: view.section().map(|section| scale * section.at),
+            })
+            .collect();
+        views.extend(self.candidates(choice, &views, &origins));
         let drawing = Drawing { views };
         let drawing = if scale == 1.0 { drawing } else { drawing.scaled(scale) };
         let mut is_used = vec![false; self.curves.len()];
@@ -273,38 +338,32 @@ impl<'a> SheetReader<'a> {
             unused.map(|k| (self.curves[k].entity.clone(), reason(k))).collect();
         // A polyline has several curves.
         set_aside.dedup();
-        SheetReading {
-            drawing,
-            projection: choice.projection,
-            scale,
-            scale_source,
-            views: (choice.views.iter())
-                .map(|(kind, group)| SheetView { kind: *kind, bounds: group.bounds })
-                .collect(),
-            set_aside,
-        }
+        SheetReading { projection: choice.projection, scale, scale_source, views: places, drawing, set_aside }
     }
 
     /// Whether a curve touches the box of a hatch.
     fn is_hatched(&self, curve: usize) -> bool {
-        self.annotations.hatches.iter().any(|hatch| groups::touch(hatch, &self.boxes[curve], self.near))
+        let points =
+            |outline: &Vec<[f64; 2]>| outline.iter().map(|p| [[p[0]; 2], [p[1]; 2]]).collect::<Vec<_>>();
+        let boxes = self.annotations.hatches.iter().map(|outline| groups::joined_box(points(outline)));
+        boxes.into_iter().any(|hatch| groups::touch(&hatch, &self.boxes[curve], self.near))
     }
 
     /// The curves of a group as a view, in the part's coordinates.
-    fn placed(&self, kind: ViewKind, group: &CurveGroup) -> View {
-        // In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all
-        // views.
-        let is_mirrored = kind == ViewKind::Left;
-        let [[left, right], [bottom, _]] = group.bounds;
-        let x = if is_mirrored { right } else { left };
-        let at = |p: [f64; 2]| {
-            let across = p[0] - x;
-            [if is_mirrored { -across } else { across }, p[1] - bottom]
-        };
+    fn placed(&self, kind: ViewKind, group: &CurveGroup, origin: [f64; 2]) -> View {
+        let at = into_part(kind, origin);
         let moved = |&k: &usize| DrawnCurve {
-            curve: self.curves[k].curve.moved(at, is_mirrored),
+            curve: self.curves[k].curve.moved(&at, kind == ViewKind::Left),
             ..self.curves[k].clone()
         };
-        View { kind, curves: group.curves.iter().map(moved).collect() }
+        View::new(kind, group.curves.iter().map(moved).collect())
     }
+}
+
+/// Coordinates of the part in a view whose origin is at a place of the sheet.
+///
+/// In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all views.
+fn into_part(kind: ViewKind, origin: [f64; 2]) -> impl Fn([f64; 2]) -> [f64; 2] {
+    let sign = if kind == ViewKind::Left { -1.0 } else { 1.0 };
+    move |p| [sign * (p[0] - origin[0]), p[1] - origin[1]]
 }

@@ -16,6 +16,8 @@
 //!    be seen, hidden lines occluded, and no other line may appear. As in drafting, tangent edges are not
 //!    drawn. If no solid is found, the search is repeated with tangent edges allowed. `preference` orders the
 //!    search.
+//!    Sections and views without hidden lines only forbid visible edges where nothing is drawn; in a section,
+//!    cells in the cutting plane are solid where it is hatched (`hatched`).
 //! 5. `boundary`: the maximal faces of the solid cells; `touching` handles holes tangent to a face.
 //!
 //! [`crate::sheet`] finds the views of a file that holds all of them.
@@ -36,6 +38,7 @@ mod circles;
 mod column;
 mod drawing_grid;
 mod edge_splines;
+mod hatched;
 mod joined;
 mod oblique;
 mod oblique_sight;
@@ -71,10 +74,11 @@ pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
-pub use joined::joined;
+pub use joined::{coordinate_mismatches, joined};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
+use sight::Expected;
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
@@ -351,39 +355,38 @@ fn solve_grid(
     let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
-    let found = search::search(
-        &cells,
-        &sight_tests,
-        smooth_edges,
-        &preference::preferences(&cells),
-        MAX_SOLUTIONS,
-        |assignment| {
-            let solution = match solution(&cells, assignment, scale) {
-                Ok(solution) => solution,
-                Err(rejected) => {
-                    solutions.rejected.push(rejected);
-                    return Vec::new();
-                }
-            };
-            // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
-            // this, because samples miss small cells; measures alone do not, because a hole may be in two
-            // places with the same volume, area and centroid. Both are required.
-            for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
-                let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
-                let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
-                let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
-                if by_slivers || same.has_vertices_of(&solution) {
-                    // Keep the solution with the fewest faces and edges.
-                    if solution.compared(same).is_lt() {
-                        (*first, *same) = (assignment.clone(), solution);
-                    }
-                    return if by_slivers { between } else { Vec::new() };
-                }
+    let preferred = [
+        preference::round_candidates(&cells),
+        preference::undrawn_faces(&cells),
+        preference::preferences(&cells),
+    ]
+    .concat();
+    let found = search::search(&cells, &sight_tests, smooth_edges, &preferred, MAX_SOLUTIONS, |assignment| {
+        let solution = match solution(&cells, assignment, scale) {
+            Ok(solution) => solution,
+            Err(rejected) => {
+                solutions.rejected.push(rejected);
+                return Vec::new();
             }
-            known.push((assignment.clone(), solution));
-            Vec::new()
-        },
-    );
+        };
+        // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
+        // this, because samples miss small cells; measures alone do not, because a hole may be in two
+        // places with the same volume, area and centroid. Both are required.
+        for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
+            let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
+            let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
+            let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
+            if by_slivers || same.has_vertices_of(&solution) {
+                // Keep the solution with the fewest faces and edges.
+                if solution.compared(same).is_lt() {
+                    (*first, *same) = (assignment.clone(), solution);
+                }
+                return if by_slivers { between } else { Vec::new() };
+            }
+        }
+        known.push((assignment.clone(), solution));
+        Vec::new()
+    });
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
@@ -402,27 +405,31 @@ fn solve_grid(
 /// Lists each unexplained line once, with its first position and the number of other positions.
 fn unexplained(
     drawing: &Drawing,
-    found: &[(Option<LineStyle>, sight::SightTestPlace)],
+    found: &[(Expected, sight::SightTestPlace)],
     scale: f64,
 ) -> Vec<Unexplained> {
     // One line of the drawing may fail hundreds of tests; a list of all would hide the other lines.
-    let mut places: Vec<(Option<LineStyle>, &sight::SightTestPlace, usize)> = Vec::new();
-    let mut known: HashMap<(Option<LineStyle>, usize, Option<usize>), usize> = HashMap::new();
-    for (style, place) in found {
+    let mut places: Vec<(Expected, &sight::SightTestPlace, usize)> = Vec::new();
+    let mut known: HashMap<(Expected, usize, Option<usize>), usize> = HashMap::new();
+    for (expected, place) in found {
         let next = places.len();
-        match *known.entry((*style, place.view, place.curve)).or_insert(next) {
-            at if at == next => places.push((*style, place, 0)),
+        match *known.entry((*expected, place.view, place.curve)).or_insert(next) {
+            at if at == next => places.push((*expected, place, 0)),
             at => places[at].2 += 1,
         }
     }
     places
         .into_iter()
-        .map(|(style, place, others)| {
+        .map(|(expected, place, others)| {
             let view = &drawing.views[place.view];
-            let what = match style {
-                Some(LineStyle::Visible) => "no solid shows a visible line",
-                Some(LineStyle::Hidden) => "no solid shows a hidden line",
-                None => "the drawing lacks a line that every solid shows",
+            let what = match expected {
+                Expected::Line(LineStyle::Visible) => "no solid shows a visible line",
+                Expected::Line(LineStyle::Hidden) => "no solid shows a hidden line",
+                Expected::NoEdge | Expected::NoVisibleEdge => {
+                    "the drawing lacks a line that every solid shows"
+                }
+                Expected::Material(true) => "no solid has material where the section is hatched",
+                Expected::Material(false) => "every solid has material where the section is not hatched",
             };
             let more = match others {
                 0 => String::new(),

@@ -1,6 +1,7 @@
 //! Texts, hatches and arrowheads of a sheet.
 
 use super::groups::Record;
+use super::hatch;
 use crate::affine::Affine;
 use planish_estimate::Result;
 use planish_solid::sheet::{Annotations, SheetText};
@@ -15,7 +16,7 @@ pub(super) fn add(annotations: &mut Annotations, record: &Record, map: &Affine) 
                 annotations.texts.push(SheetText { at: map.point(at), text });
             }
         }
-        "HATCH" => annotations.hatches.extend(hatch_box(record, map)?),
+        "HATCH" => annotations.hatches.extend(hatch::outlines(record, map)?),
         "SOLID" | "TRACE" => annotations.arrowheads.extend(triangle(record, map)?),
         _ => return Ok(false),
     }
@@ -54,28 +55,6 @@ fn place_of_text(record: &Record) -> Result<Option<[f64; 2]>> {
         None => point(10)?,
     }
     .map(|(x, y)| [x, y]))
-}
-
-/// The box of the boundary of a hatch. Centres of arcs count as corners.
-fn hatch_box(record: &Record, map: &Affine) -> Result<Option<[[f64; 2]; 2]>> {
-    let mut bounds = [[f64::MAX, f64::MIN]; 2];
-    let mut x = None;
-    // The first point is the elevation; from group 75 on, the pattern and its seeds follow.
-    let boundary = record.groups.iter().skip_while(|g| g.code != 91).take_while(|g| g.code != 75);
-    for group in boundary {
-        match group.code {
-            10 | 11 => x = Some(group.number()?),
-            20 | 21 => {
-                let Some(x) = x.take() else { continue };
-                let p = map.point([x, group.number()?]);
-                for (side, at) in bounds.iter_mut().zip(p) {
-                    *side = [side[0].min(at), side[1].max(at)];
-                }
-            }
-            _ => {}
-        }
-    }
-    Ok((bounds[0][0] <= bounds[0][1]).then_some(bounds))
 }
 
 /// A filled triangle: the third and fourth corner of a `SOLID` are the same.

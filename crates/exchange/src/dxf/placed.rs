@@ -12,7 +12,7 @@ use super::{DxfDrawing, MAX_ENTITIES, too_many};
 use crate::affine::Affine;
 use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
-use planish_solid::views::DrawnCurve;
+use planish_solid::views::{Curve2, DrawnCurve};
 use std::collections::{BTreeMap, HashMap};
 
 /// Maximum nesting of blocks. The format forbids recursion; the limit finds it.
@@ -180,6 +180,11 @@ impl<'a> Drawer<'a> {
             _ => Dashes::of_name(&line_type).or_else(|| Dashes::of_name(&layer)),
         };
         let Some(style) = Dashes::line_style(dashes) else {
+            for curve in curves_of(record).ok().flatten().unwrap_or_default() {
+                if let Curve2::Segment(a, b) = curve {
+                    self.drawing.annotations.centre_lines.push([a, b].map(|p| place.map.point(p)));
+                }
+            }
             self.ignore("centre line", name);
             return Ok(());
         };

@@ -9,6 +9,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::dxf::{DxfDrawing, read_dxf};
 use planish_exchange::svg::read_svg;
 use planish_exchange::{Unit, extension};
+use planish_solid::drawing::ViewContent;
 use planish_solid::views::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
 };
@@ -96,7 +97,7 @@ fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
         if extension(path) == "svg" {
             place_at_origin(&mut file.curves);
         }
-        let mut view = View { kind, curves: std::mem::take(&mut file.curves) };
+        let mut view = View::new(kind, std::mem::take(&mut file.curves));
         made.findings.extend(sheet::scale_view(&mut view, &file).map(|f| f.in_context(&name)));
         made.drawing.views.push(view);
     }
@@ -147,8 +148,7 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
 /// Removes repeated lines and reports the first of them. If one is visible and the other hidden, the visible
 /// one is kept.
 pub(super) fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
-    let all =
-        Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
+    let all = Drawing { views: vec![View::new(planish_solid::views::ViewKind::Front, curves.clone())] };
     let step = (REPEATED_LINE_TOLERANCE * all.size()).max(f64::MIN_POSITIVE);
     let key = |curve: &Curve2| {
         let points = curve.points();
@@ -289,6 +289,13 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
             let size = (first[1] - first[0]).max(range[1] - range[0]);
             // An error before the search, whose message could not name the cause. Smaller differences are
             // left to the search and to the hints for near misses.
+            // A section may show less than the whole part.
+            let is_part = |v: usize| {
+                matches!(drawing.views[v].content, ViewContent::Section(_) | ViewContent::Candidates)
+            };
+            if is_part(index) || is_part(other) {
+                continue;
+            }
             if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
                 let ratio = (range[1] - range[0]) / (first[1] - first[0]);
                 let scale = match (ratio - 1.0).abs() > 2e-3 && ratio.is_finite() {

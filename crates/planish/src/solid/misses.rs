@@ -127,7 +127,7 @@ mod tests {
                 entity: format!("LINE {k}"),
             }
         };
-        View { kind, curves: (0..4).map(side).collect() }
+        View::new(kind, (0..4).map(side).collect())
     }
 
     #[test]

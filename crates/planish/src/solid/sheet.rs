@@ -15,6 +15,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A drawing as it is searched for solids.
+#[derive(Clone)]
 pub(super) struct ReadDrawing {
     pub drawing: Drawing,
     /// The sheet that it comes from; none if each view has its own file.
@@ -44,6 +45,9 @@ pub struct ReportedPlace {
     /// Left, bottom, right and top on the sheet.
     #[serde(rename = "box")]
     pub bounds: [f64; 4],
+    /// Coordinate of the cutting plane along the line of sight, if the view is a section.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub section_at: Option<f64>,
 }
 
 /// An entity that belongs to no view.
@@ -105,7 +109,11 @@ fn candidate(mut reading: SheetReading, path: &Path) -> ReadDrawing {
         views: (reading.views.iter())
             .map(|view| {
                 let [[left, right], [bottom, top]] = view.bounds;
-                ReportedPlace { view: view.kind.name(), bounds: [left, bottom, right, top] }
+                ReportedPlace {
+                    view: view.kind.name(),
+                    bounds: [left, bottom, right, top],
+                    section_at: view.section_at,
+                }
             })
             .collect(),
         set_aside: (reading.set_aside.iter())
@@ -126,6 +134,13 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
         let text = format!("set aside as no part of a view: {}", list.join(", "));
         findings.push(Finding::new(FindingCode::SheetSetAside, text));
     }
+    for view in &reading.drawing.views {
+        if let Some(section) = view.section() {
+            let axis = ["x", "y", "z"][view.kind.axes()[2]];
+            let text = format!("the {} view is a section at {axis} = {:.4}", view.kind.name(), section.at);
+            findings.push(Finding::new(FindingCode::SectionUsed, text));
+        }
+    }
     match reading.scale_source {
         ScaleSource::Unknown => {
             let text = "the sheet states another scale than 1:1, and neither dimensions nor the frame show \
@@ -144,8 +159,7 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
 /// Scales a view of a file of its own by its dimensions.
 pub(super) fn scale_view(view: &mut View, file: &DxfDrawing) -> Option<Finding> {
     let scale = scale_of_dimensions(&file.annotations.dimensions).filter(|scale| *scale != 1.0)?;
-    let drawing =
-        Drawing { views: vec![std::mem::replace(view, View { kind: view.kind, curves: Vec::new() })] };
+    let drawing = Drawing { views: vec![std::mem::replace(view, View::new(view.kind, Vec::new()))] };
     view.curves = drawing.scaled(scale).views.remove(0).curves;
     let text = format!("lengths are {scale} times those of the drawing, as its dimensions state");
     Some(Finding::new(FindingCode::ScaleApplied, text))

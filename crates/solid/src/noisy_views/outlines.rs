@@ -29,7 +29,7 @@ impl ConsistentViews {
                     curves.push(DrawnCurve { curve, style: LineStyle::Visible, entity: name(&what) });
                 }
             }
-            drawing.views.push(View { kind: *kind, curves });
+            drawing.views.push(View::new(*kind, curves));
         }
         Ok(drawing)
     }

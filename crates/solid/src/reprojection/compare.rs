@@ -1,13 +1,14 @@
 //! Compares a view in both directions: points of drawn curves with the lines of the solid, and points of
 //! these lines with the drawn curves.
 
+use super::cut;
 use super::nearby::{Nearby, Piece};
 use super::outlines::{Edges, Outline, outlines};
 use super::scene::{Eye, Scene};
 use super::{Disagreement, ReprojectionOptions};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
-use crate::drawing::{Curve2, Drawing, LineStyle, View};
+use crate::drawing::{Curve2, Drawing, LineStyle, View, ViewContent};
 use planish_core::{BoundingBox, DVec3};
 use std::collections::BTreeMap;
 
@@ -23,12 +24,16 @@ pub(super) fn disagreements(
     let scene =
         Scene { faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(), size, reach };
     let mut found = Vec::new();
-    for view in &drawing.views {
-        let eye = Eye::new(view.kind);
-        let lines = outlines(solid, &scene.faces, &edges, eye, size);
+    for view in drawing.views.iter().filter(|view| view.content != ViewContent::Candidates) {
+        let eye = Eye::new(view);
+        let mut lines = outlines(solid, &scene.faces, &edges, eye, size);
+        if eye.is_section() {
+            lines = cut::behind(lines, eye, options.near * size);
+        }
         let compared = Compared::new(view, &lines, &scene, eye, options);
         found.extend(compared.drawn_but_not_shown());
         found.extend(compared.shown_but_not_drawn());
+        found.extend(cut::wrong_hatches(view, &scene, eye));
     }
     found
 }
@@ -155,6 +160,9 @@ impl<'a> Compared<'a> {
             let mut differences = Differences::default();
             self.add_differences(&chain, &mut differences, |arc_length| {
                 let near: Vec<_> = self.shown.at(chain.point(arc_length)).collect();
+                if self.eye.is_section() && self.is_cut_border(&chain, arc_length) {
+                    return None;
+                }
                 match curve.style {
                     LineStyle::Visible if near.is_empty() => {
                         Some("a visible line is drawn, but the solid has no line there")
@@ -195,6 +203,7 @@ impl<'a> Compared<'a> {
                 match (self.is_seen(index, piece, share), styles.is_empty()) {
                     (true, false) => Some("the solid shows a visible line, but it is drawn hidden"),
                     (true, true) => Some("the solid shows a visible line, but none is drawn"),
+                    (false, true) if !self.view.shows_hidden_edges() => None,
                     (false, true) => Some("the solid has a hidden line, but none is drawn"),
                     (false, false) => None,
                 }
@@ -243,6 +252,19 @@ impl<'a> Compared<'a> {
             reason,
             places,
         })
+    }
+
+    /// True if a drawn curve of a section is the border of the material that is cut.
+    fn is_cut_border(&self, chain: &Chain, arc_length: f64) -> bool {
+        let (piece, _) = chain.place(arc_length);
+        let [a, b] = [chain.points[piece], chain.points[piece + 1]];
+        let length = (b[0] - a[0]).hypot(b[1] - a[1]).max(f64::MIN_POSITIVE);
+        let (p, near) = (chain.point(arc_length), self.options.near * self.scene.size);
+        let is_cut = |sign: f64| {
+            let off = sign * near / length;
+            self.scene.is_cut(self.eye, [p[0] - off * (b[1] - a[1]), p[1] + off * (b[0] - a[0])])
+        };
+        is_cut(1.0) != is_cut(-1.0)
     }
 
     /// True if a line of the solid is visible at a point of it.

@@ -1,7 +1,7 @@
 //! Visibility of points of a solid, by rays towards the viewer.
 
 use crate::brep::TrimmedFace;
-use crate::drawing::ViewKind;
+use crate::drawing::View;
 use planish_core::DVec3;
 
 /// Distance of rays from the line that they pass, relative to the size.
@@ -16,11 +16,32 @@ pub(super) struct Eye {
     axes: [usize; 3],
     /// +1 if points nearer to the eye have the larger coordinate along the line of sight, else −1.
     sign: f64,
+    /// The coordinate towards the eye of the cutting plane of a section; without one, infinite.
+    cut: f64,
 }
 
 impl Eye {
-    pub(super) fn new(kind: ViewKind) -> Self {
-        Self { axes: kind.axes(), sign: if kind.depth_increases_away() { -1.0 } else { 1.0 } }
+    pub(super) fn new(view: &View) -> Self {
+        let sign = if view.kind.depth_increases_away() { -1.0 } else { 1.0 };
+        let cut = view.section().map_or(f64::INFINITY, |section| sign * section.at);
+        Self { axes: view.kind.axes(), sign, cut }
+    }
+
+    /// Whether a view shows a section.
+    pub(super) fn is_section(self) -> bool {
+        self.cut.is_finite()
+    }
+
+    /// Whether a point is behind the cutting plane by more than a distance.
+    pub(super) fn is_behind_cut(self, p: DVec3, near: f64) -> bool {
+        self.nearness(p) < self.cut - near
+    }
+
+    /// The point of the cutting plane at a place of the view.
+    pub(super) fn on_cut(self, at: [f64; 2]) -> DVec3 {
+        let mut p = DVec3::ZERO;
+        (p[self.axes[0]], p[self.axes[1]], p[self.axes[2]]) = (at[0], at[1], self.sign * self.cut);
+        p
     }
 
     /// The unit vector to the eye.
@@ -61,7 +82,15 @@ impl Scene<'_> {
             .any(|side| !self.is_covered(eye, p, across, side * LATERAL_OFFSET * self.size))
     }
 
-    /// True if a ray from a point, moved by `offset` along `across`, meets a face before the eye.
+    /// True if a place of a section is in the material that is cut.
+    pub(super) fn is_cut(&self, eye: Eye, at: [f64; 2]) -> bool {
+        // Just behind the plane, where the part is kept.
+        let from = eye.on_cut(at) - LATERAL_OFFSET * self.size * eye.towards();
+        self.is_covered(eye, from, [1.0, 0.0], 0.0)
+    }
+
+    /// True if a ray from a point, moved by `offset` along `across`, meets a face before the eye, or material
+    /// in the cutting plane of a section.
     fn is_covered(&self, eye: Eye, p: DVec3, across: [f64; 2], offset: f64) -> bool {
         let mut from = p;
         from[eye.axes[0]] += offset * across[0];
@@ -72,7 +101,10 @@ impl Scene<'_> {
         // Distances along the ray within the box.
         let range = [lo[along] - p[along], hi[along] - p[along]].map(|d| d * eye.sign);
         let range = [range[0].min(range[1]), range[0].max(range[1])];
-        self.faces.iter().any(|face| {
+        let cut = eye.cut - eye.nearness(p);
+        // Material is in the cutting plane if the ray leaves it beyond.
+        let mut beyond = 0_usize;
+        let is_met = self.faces.iter().any(|face| {
             let [low, high] = face.bounds;
             let outside = eye.axes[..2].iter().any(|&a| from[a] < low[a] || from[a] > high[a]);
             let behind = eye.nearness(high).max(eye.nearness(low)) < eye.nearness(p);
@@ -84,6 +116,10 @@ impl Scene<'_> {
                     return false;
                 }
                 let hit = from + t * direction;
+                if t >= cut {
+                    beyond += usize::from(face.contains(hit));
+                    return false;
+                }
                 // A face through the line that slopes towards the eye is met in front of the line, although
                 // it does not cover it. This is at most `offset` times the slope away; the factor leaves room
                 // for curved faces.
@@ -91,6 +127,7 @@ impl Scene<'_> {
                 let slope = (1.0 - facing * facing).max(0.0).sqrt() / facing;
                 t > offset.abs() * (1.0 + 4.0 * slope) && face.contains(hit)
             })
-        })
+        });
+        is_met || beyond % 2 == 1
     }
 }

@@ -41,7 +41,7 @@ fn stepped_hole() -> Drawing {
     let mut top = rectangle([0.0, 0.0], [40.0, 30.0]);
     top.push(ring([20.0, 15.0], 6.0, Visible, "wide circle"));
     top.push(ring([20.0, 15.0], 3.0, Visible, "narrow circle"));
-    let view = |kind, curves| View { kind, curves };
+    let view = |kind, curves| View::new(kind, curves);
     Drawing {
         views: vec![
             view(ViewKind::Front, with(rectangle([0.0, 0.0], [40.0, 20.0]), 20.0)),
@@ -154,7 +154,7 @@ fn rounded_edge_has_an_outline_only_where_it_turns_away() {
     ));
     let views = [front, rectangle([0.0, 0.0], [20.0, 30.0]), rectangle([0.0, 0.0], [30.0, 10.0])];
     let drawing = Drawing {
-        views: ViewKind::ALL.into_iter().zip(views).map(|(kind, curves)| View { kind, curves }).collect(),
+        views: ViewKind::ALL.into_iter().zip(views).map(|(kind, curves)| View::new(kind, curves)).collect(),
     };
     let solid = solved(&drawing);
     assert_eq!(solid.faces_by_kind(), [6, 1, 0, 0, 0]);

@@ -1,7 +1,5 @@
 //! What a file says about a sheet beside its curves.
 
-use super::SheetBox;
-
 /// What accompanies the curves of a sheet.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Annotations {
@@ -10,8 +8,10 @@ pub struct Annotations {
     pub pens: Vec<u32>,
     /// Texts outside of dimensions.
     pub texts: Vec<SheetText>,
-    /// Boxes of hatched regions.
-    pub hatches: Vec<SheetBox>,
+    /// Outlines of hatched regions; a point is hatched if it is inside of an odd number of them.
+    pub hatches: Vec<Vec<[f64; 2]>>,
+    /// Straight chain lines: lines of symmetry, and marks of cutting planes.
+    pub centre_lines: Vec<[[f64; 2]; 2]>,
     /// Corners of filled triangles, such as arrowheads.
     pub arrowheads: Vec<[[f64; 2]; 3]>,
     /// Dimensions of lengths.

@@ -7,7 +7,7 @@ use crate::drawing::ViewKind;
 /// Maximum difference of aligned sides of two views, relative to the size of all views.
 ///
 /// A larger value accepts views of different scales; a smaller one rejects inaccurate drawings.
-const MAX_MISALIGNMENT: f64 = 2e-3;
+pub(super) const MAX_MISALIGNMENT: f64 = 2e-3;
 /// Maximum number of readings.
 const MAX_CHOICES: usize = 6;
 
@@ -59,10 +59,7 @@ pub(super) fn choices(
     let best = found[0].0;
     let choices = found.into_iter().take_while(|(value, _)| *value >= best - 1e-9);
     let choices: Vec<Choice> = choices.map(|(_, choice)| choice).take(MAX_CHOICES).collect();
-    match chooser.section_beside(&choices[0]) {
-        None => Ok(choices),
-        Some(section) => Err(chooser.explain_section(section)),
-    }
+    Ok(choices.into_iter().map(|choice| chooser.with_sections(choice)).collect())
 }
 
 struct Chooser<'a> {
@@ -78,19 +75,20 @@ impl<'a> Chooser<'a> {
     }
 
     /// Whether two groups share both sides along an axis: stacked views share left and right, neighbours
-    /// beside each other bottom and top.
+    /// beside each other bottom and top. A section may show less than the whole part.
     fn are_aligned(&self, a: usize, b: usize, axis: usize) -> bool {
-        let [a, b]: [&SheetBox; 2] = [a, b].map(|k| &self.groups[k].bounds);
-        (0..2).all(|e| (a[axis][e] - b[axis][e]).abs() <= self.near)
+        let [first, second]: [&SheetBox; 2] = [a, b].map(|k| &self.groups[k].bounds);
+        let is_within = |inner: &SheetBox, outer: &SheetBox| {
+            inner[axis][0] >= outer[axis][0] - self.near && inner[axis][1] <= outer[axis][1] + self.near
+        };
+        (0..2).all(|e| (first[axis][e] - second[axis][e]).abs() <= self.near)
+            || self.groups[a].is_section && is_within(first, second)
+            || self.groups[b].is_section && is_within(second, first)
     }
 
     /// Adds all choices with a front view, and their values.
     fn add_choices(&self, front: usize, projection: Projection, found: &mut Vec<(f64, Choice)>) {
-        let is_view = |g: &usize| !self.groups[*g].is_section;
-        if !is_view(&front) {
-            return;
-        }
-        let others = || (0..self.groups.len()).filter(is_view).filter(move |g| *g != front);
+        let others = || (0..self.groups.len()).filter(move |g| *g != front);
         let own = &self.groups[front].bounds;
         let is_top = |g: &usize| {
             let is_above = self.groups[*g].bounds[1][0] > own[1][0];
@@ -104,7 +102,10 @@ impl<'a> Chooser<'a> {
                 let depths = [top.map(|g| self.groups[g].extent(1)), side.map(|g| self.groups[g].extent(0))];
                 let agree = match depths {
                     [None, None] => false,
-                    [Some(a), Some(b)] => (a - b).abs() <= self.near,
+                    [Some(a), Some(b)] => {
+                        let is_section = |g: &Option<usize>| g.is_some_and(|g| self.groups[g].is_section);
+                        (a - b).abs() <= self.near || is_section(top) && a < b || is_section(side) && b < a
+                    }
                     _ => true,
                 };
                 if agree {
@@ -133,31 +134,35 @@ impl<'a> Chooser<'a> {
         }
         // Each view counts beside its curves, so that three plain views are better than a rich one and a
         // table.
-        let value = |group: &CurveGroup| (1.0 + group.curves.len() as f64).ln() + 1.0;
+        // A section lacks what is before its plane.
+        let share = |group: &CurveGroup| if group.is_section { 0.5 } else { 1.0 };
+        let value = |group: &CurveGroup| share(group) * ((1.0 + group.curves.len() as f64).ln() + 1.0);
         let total = views.iter().map(|(_, group)| value(group)).sum();
         (total, Choice { views, projection, are_given: false })
     }
 
-    /// A section beside a choice of two views. What it shows may be in no view.
-    fn section_beside(&self, choice: &Choice) -> Option<usize> {
-        (0..self.groups.len()).find(|g| choice.views.len() == 2 && self.groups[*g].is_section)
-    }
-
-    fn explain_section(&self, section: usize) -> NoChoice {
-        let [[left, right], [bottom, top]] = self.groups[section].bounds;
-        let text = format!(
-            "expected three views, found two and a hatched section ({left:.3} to {right:.3}, {bottom:.3} to \
-             {top:.3}), which is not yet read: add the view, or state the places of the two views to solve \
-             them alone"
-        );
-        (Some(self.groups[section].curves[0]), text)
+    /// The choice with the sections beside its views, each seen as the view in its row or column.
+    fn with_sections(&self, mut choice: Choice) -> Choice {
+        let is_used = |g: usize| choice.views.iter().any(|(_, used)| *used == self.groups[g]);
+        let sections: Vec<usize> =
+            (0..self.groups.len()).filter(|g| self.groups[*g].is_section && !is_used(*g)).collect();
+        let Some(front) = self.groups.iter().position(|g| *g == choice.views[0].1) else { return choice };
+        for g in sections {
+            let (own, group) = (&self.groups[front].bounds, &self.groups[g]);
+            let is_third = choice.projection == Projection::ThirdAngle;
+            let [is_right, is_above] = [0, 1].map(|k| group.bounds[k][0] > own[k][0]);
+            if self.are_aligned(front, g, 1) {
+                let kind = if is_right == is_third { ViewKind::Side } else { ViewKind::Left };
+                choice.views.push((kind, group.clone()));
+            } else if self.are_aligned(front, g, 0) && is_above == is_third {
+                choice.views.push((ViewKind::Top, group.clone()));
+            }
+        }
+        choice
     }
 
     /// Why there is no choice.
     fn explain(&self, given: Option<Projection>) -> NoChoice {
-        if let Some(section) = (0..self.groups.len()).find(|g| self.groups[*g].is_section) {
-            return self.explain_section(section);
-        }
         // The group with the most curves is a view most likely.
         let (front, _) = (self.groups.iter().enumerate())
             .max_by_key(|(_, g)| g.curves.len())

@@ -20,6 +20,10 @@ fn outline(points: &[[f64; 2]], at: &dyn Fn([f64; 2]) -> [f64; 2]) -> Vec<DrawnC
         .collect()
 }
 
+fn corners([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<[f64; 2]> {
+    vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
+}
+
 fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
     outline(&[[x0, y0], [x1, y0], [x1, y1], [x0, y1]], &|p| p)
 }
@@ -179,31 +183,47 @@ fn dimensions_are_set_aside_by_their_arrowheads_or_their_pen() {
 }
 
 #[test]
-fn a_hatched_section_and_a_detail_are_set_aside() {
+fn a_detail_is_set_aside_and_a_hatched_section_is_a_view() {
     let mut curves = step_on_a_sheet(Projection::ThirdAngle);
-    let part = curves.len();
     curves.extend(outline(
         &[[0.0, 0.0], [30.0, 0.0], [30.0, 10.0], [10.0, 10.0], [10.0, 20.0], [0.0, 20.0]],
         &|p| [p[0] + 230.0, p[1] + 100.0],
     ));
     curves.push(segment([230.0, 110.0], [240.0, 110.0], LineStyle::Visible));
-    let section = curves.len();
     curves.push(circle([250.0, 200.0], 12.0));
-    let annotations =
-        Annotations { hatches: vec![[[230.0, 260.0], [100.0, 120.0]]], ..Annotations::default() };
+    // The plane is that of the middle, because no mark shows another one.
+    let hatches = vec![corners([230.0, 100.0], [260.0, 110.0])];
+    let annotations = Annotations { hatches, ..Annotations::default() };
     let readings = read(&curves, &annotations).unwrap();
-    let count = |reason| readings[0].set_aside.iter().filter(|(_, own)| *own == reason).count();
-    assert_eq!((count(SetAsideReason::Section), count(SetAsideReason::OtherView)), (section - part, 1));
+    assert_eq!(readings[0].set_aside.len(), 1);
+    assert_eq!(readings[0].set_aside[0].1, SetAsideReason::OtherView);
+    assert_eq!(readings[0].views[3].section_at, Some(20.0));
     assert!((volume(&readings[0]) - 13_500.0).abs() < 1e-9);
 }
 
 #[test]
-fn a_section_instead_of_a_view_is_refused() {
-    let curves = step_on_a_sheet(Projection::ThirdAngle);
-    let annotations =
-        Annotations { hatches: vec![[[160.0, 190.0], [100.0, 110.0]]], ..Annotations::default() };
-    let e = read(&curves, &annotations).unwrap_err();
-    assert!(e.to_string().contains("found two and a hatched section"), "{e}");
+fn a_section_instead_of_a_view_shows_what_is_cut() {
+    // The side view is a section at x = 12, through the block. Its material is the whole outline.
+    let mut curves = step_on_a_sheet(Projection::ThirdAngle);
+    curves.retain(|c| !(c.entity.contains("160.0, 110.0") && c.entity.contains("170.0, 110.0")));
+    let hatches = vec![
+        [[0.0, 0.0], [30.0, 0.0], [30.0, 10.0], [10.0, 10.0], [10.0, 20.0], [0.0, 20.0]]
+            .map(|p| [p[0] + 160.0, p[1] + 100.0])
+            .to_vec(),
+    ];
+    let text = |at| SheetText { at, text: "A".to_owned() };
+    let marked = |x: f64| Annotations {
+        hatches: hatches.clone(),
+        texts: vec![text([x, 96.0]), text([x, 124.0])],
+        centre_lines: vec![[[x, 95.0], [x, 125.0]]],
+        ..Annotations::default()
+    };
+    let reading = read(&curves, &marked(112.0)).unwrap().remove(0);
+    assert_eq!(reading.views[2].section_at, Some(12.0));
+    assert!((volume(&reading) - 13_500.0).abs() < 1e-9);
+    // At x = 20, the block is cut away: the drawing shows no solid.
+    let reading = read(&curves, &marked(120.0)).unwrap().remove(0);
+    assert!(!solve(&reading.drawing).unwrap().unexplained.is_empty());
 }
 
 #[test]
@@ -223,7 +243,7 @@ fn the_scale_is_that_of_dimensions_or_of_paper() {
     let sheet: Vec<DrawnCurve> = frame().into_iter().chain(part.clone()).collect();
     assert_eq!(with(&sheet, &stated).0, 2.0);
     // A frame of twice the size of a paper around a part in its true size.
-    let large: Vec<DrawnCurve> = Drawing { views: vec![View { kind: ViewKind::Front, curves: frame() }] }
+    let large: Vec<DrawnCurve> = Drawing { views: vec![View::new(ViewKind::Front, frame())] }
         .scaled(2.0)
         .views
         .remove(0)

@@ -23,7 +23,7 @@ fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
 
 fn solved(views: [Vec<DrawnCurve>; 3]) -> Solid {
     let views = ViewKind::ALL.into_iter().zip(views);
-    let drawing = Drawing { views: views.map(|(kind, curves)| View { kind, curves }).collect() };
+    let drawing = Drawing { views: views.map(|(kind, curves)| View::new(kind, curves)).collect() };
     let found = solve(&drawing).unwrap();
     assert!(!found.solutions.is_empty(), "{found:?}");
     found.solutions[0].solid.clone()

@@ -9,7 +9,7 @@ use super::drawing_grid::{DrawingGrid, coordinate_counts};
 use crate::drawing::Drawing;
 use planish_core::{DVec3, DisjointSets};
 use planish_estimate::{Error, Result};
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// Maximum number of grid boxes. It bounds run time and memory; larger drawings are rejected.
 const MAX_BOXES: usize = 1_000_000;
@@ -223,6 +223,12 @@ impl<'a> Cells<'a> {
         self.cell_of_atom[self.atom(self.box_of(p), p) as usize]
     }
 
+    /// The cell around the part, which is empty.
+    pub(crate) fn outside(&self) -> u32 {
+        let margin = 1e-3 * self.plan.size;
+        self.at_in([0; 3], DVec3::from_array([0, 1, 2].map(|a| self.plan.grid[a][0] + margin)))
+    }
+
     /// The cell of a point whose box is known.
     pub(crate) fn at_in(&self, cell: [usize; 3], p: DVec3) -> u32 {
         self.cell_of_atom[self.atom(cell, p) as usize]
@@ -234,22 +240,56 @@ impl<'a> Cells<'a> {
     /// A face in the plane would be a line in each of these views, so one view without a line excludes it.
     fn join_across(&self, sets: &mut DisjointSets, axis: usize) {
         let plan = self.plan;
-        let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::new(plan, v, axis)).collect();
+        let is_edge_on = |v: &usize| plan.views[*v].kind.axes()[2] != axis;
+        let is_seen = (0..plan.views.len()).any(|v| is_edge_on(&v));
+        // In a view without hidden lines, a missing line excludes no face.
+        let drawn: Vec<Drawn> = (0..plan.views.len())
+            .filter(|v| plan.views[*v].shows_hidden)
+            .filter_map(|v| Drawn::new(plan, v, axis))
+            .collect();
         let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
         for at in 1..plan.grid[axis].len() - 1 {
             for i in 0..plan.intervals(a) {
                 for j in 0..plan.intervals(b) {
-                    let mut before = [0; 3];
-                    (before[axis], before[a], before[b]) = (at - 1, i, j);
-                    let mut behind = before;
-                    behind[axis] = at;
                     let may_be_face = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
-                    if !may_be_face || drawn.is_empty() {
-                        self.join(sets, [before, behind], axis, at, [a, b]);
+                    if !may_be_face || !is_seen {
+                        self.each_pair(axis, at, [i, j], |first, second| {
+                            sets.join(first, second);
+                        });
                     }
                 }
             }
         }
+    }
+
+    /// Cells on both sides of places of grid planes at which a view without hidden lines draws no line. A
+    /// face there would have hidden edges in this view. Each pair is listed once, by axis and grid plane.
+    pub(crate) fn undrawn_faces(&self) -> BTreeSet<(usize, usize, [u32; 2])> {
+        let plan = self.plan;
+        let mut found = BTreeSet::new();
+        for axis in 0..3 {
+            let drawn: Vec<Drawn> = (0..plan.views.len())
+                .filter(|v| !plan.views[*v].shows_hidden && !plan.views[*v].is_candidates)
+                .filter_map(|v| Drawn::new(plan, v, axis))
+                .collect();
+            let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
+            for at in (1..plan.grid[axis].len() - 1).filter(|_| !drawn.is_empty()) {
+                for i in 0..plan.intervals(a) {
+                    for j in 0..plan.intervals(b) {
+                        if drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j })) {
+                            continue;
+                        }
+                        self.each_pair(axis, at, [i, j], |first, second| {
+                            let cells = [first, second].map(|atom| self.cell_of_atom[atom as usize]);
+                            if cells[0] != cells[1] {
+                                found.insert((axis, at, cells));
+                            }
+                        });
+                    }
+                }
+            }
+        }
+        found
     }
 
     /// True if a point is so near a surface of its box that rounding may put it on either side.
@@ -320,23 +360,22 @@ impl<'a> Cells<'a> {
         cuts
     }
 
-    /// Joins the atoms of two boxes that share a part of the grid plane between them.
+    /// Lists the atoms on both sides of each part of a grid plane between two boxes, which are in the
+    /// intervals `[i, j]` of the next two axes.
     ///
-    /// The plane is divided where surfaces cross it, and each part joins the atoms on its two sides.
-    fn join(
-        &self,
-        sets: &mut DisjointSets,
-        [before, behind]: [[usize; 3]; 2],
-        axis: usize,
-        at: usize,
-        [a, b]: [usize; 2],
-    ) {
+    /// The plane is divided where surfaces cross it.
+    fn each_pair(&self, axis: usize, at: usize, [i, j]: [usize; 2], mut list: impl FnMut(u32, u32)) {
         let plan = self.plan;
+        let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
+        let mut before = [0; 3];
+        (before[axis], before[a], before[b]) = (at - 1, i, j);
+        let mut behind = before;
+        behind[axis] = at;
         // The usual case: each box is one atom.
         let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
-            sets.join(self.first[place(before)], self.first[place(behind)]);
+            list(self.first[place(before)], self.first[place(behind)]);
             return;
         }
         let value = plan.grid[axis][at];
@@ -380,8 +419,7 @@ impl<'a> Cells<'a> {
                 if self.near_piece(before, p) || self.near_piece(behind, p) {
                     continue;
                 }
-                let (first, second) = (self.atom(before, p), self.atom(behind, p));
-                sets.join(first, second);
+                list(self.atom(before, p), self.atom(behind, p));
             }
         }
     }

@@ -22,6 +22,8 @@ pub(crate) enum SurfaceId {
     Carrier(usize, usize),
     /// A wall, by its index.
     Wall(usize),
+    /// The cutting plane of a section.
+    Cut,
 }
 
 /// The cells along a line of sight. The first is `start`.
@@ -75,6 +77,9 @@ impl Cells<'_> {
             }
             sequence = turned;
         }
+        if let Some((at, _)) = &plan.views[view].cut {
+            self.cut_away(&mut sequence, if kind.depth_increases_away() { *at } else { -at });
+        }
         let start = sequence[0].2;
         let mut last = start;
         let mut breaks = Vec::new();
@@ -86,5 +91,15 @@ impl Cells<'_> {
             }
         }
         Column { start, breaks }
+    }
+
+    /// Replaces the cells before a cutting plane by the cell around the part.
+    fn cut_away(&self, sequence: &mut Vec<(f64, SurfaceId, u32)>, at: f64) {
+        // An interval that ends at the plane is before it, although rounding may put its end behind.
+        let near = 5.0 * self.plan.tolerance;
+        let first = (1..sequence.len()).find(|n| sequence[*n].0 > at + near).unwrap_or(sequence.len()) - 1;
+        sequence.drain(..first);
+        (sequence[0].0, sequence[0].1) = (at, SurfaceId::Cut);
+        sequence.insert(0, (f64::MIN, SurfaceId::Cut, self.outside()));
     }
 }

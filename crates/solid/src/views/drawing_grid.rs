@@ -8,7 +8,7 @@
 
 use super::candidate_surface::{CandidateSurface, Side};
 use super::profile::Profile;
-use crate::drawing::{Curve2, Drawing, LineStyle, ViewKind};
+use crate::drawing::{Curve2, Drawing, Hatch, LineStyle, View, ViewContent, ViewKind};
 use planish_core::DVec3;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
@@ -54,6 +54,12 @@ pub(crate) struct ViewGrid {
     pub(crate) cells: Vec<Vec<u32>>,
     /// Indices of curves that are not the edge-on image of a surface.
     pub(crate) others: Vec<usize>,
+    /// True if it shows nothing: its curves are candidates.
+    pub(crate) is_candidates: bool,
+    /// False if a missing line may mean a hidden edge.
+    pub(crate) shows_hidden: bool,
+    /// The cutting plane (coordinate along the line of sight) and what is hatched, if it is a section.
+    pub(crate) cut: Option<(f64, Hatch)>,
 }
 
 /// The grid and the views on it.
@@ -265,9 +271,8 @@ impl DrawingGrid {
         let grid = grid_of(&found, outer, &clusters, size, tolerance, gap);
         let views = found
             .into_iter()
-            .map(|(kind, on_grid, carriers, others)| {
-                ViewGrid::new(kind, on_grid, carriers, others, &grid, tolerance, gap)
-            })
+            .zip(&drawing.views)
+            .map(|(curves, view)| ViewGrid::new(curves, view, &grid, tolerance, gap))
             .collect();
         Self { grid, views, size, tolerance, walls: Vec::new(), walls_of: Vec::new() }
     }
@@ -486,10 +491,8 @@ fn nearest(grid: &[f64], value: f64) -> usize {
 impl ViewGrid {
     /// Assigns runs to grid lines and cuts the carriers into pieces.
     fn new(
-        kind: ViewKind,
-        on_grid: Vec<(usize, f64, Run)>,
-        carriers: Vec<Carrier>,
-        others: Vec<usize>,
+        (kind, on_grid, carriers, others): ViewCurves,
+        view: &View,
         grid: &[Vec<f64>; 3],
         tolerance: f64,
         gap: f64,
@@ -507,6 +510,14 @@ impl ViewGrid {
             pieces: Vec::new(),
             cells: vec![Vec::new(); sizes[0] * sizes[1]],
             others,
+            is_candidates: view.content == ViewContent::Candidates,
+            shows_hidden: view.shows_hidden_edges(),
+            cut: view.section().map(|section| {
+                // A plane through an axis must pass exactly through it.
+                let level = grid[axes[2]][nearest(&grid[axes[2]], section.at)];
+                let is_near = (level - section.at).abs() <= 20.0 * tolerance;
+                (if is_near { level } else { section.at }, section.hatch.clone())
+            }),
         };
         for carrier in 0..plan.carriers.len() {
             plan.cut(carrier, grid, tolerance, gap);

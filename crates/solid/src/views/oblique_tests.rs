@@ -23,7 +23,7 @@ fn cube_without_a_corner_has_one_oblique_plane() {
     let view = |kind, cut: [[f64; 2]; 2]| {
         let mut curves: Vec<DrawnCurve> = rectangle([0.0, 0.0], [10.0, 10.0]);
         curves.push(segment(cut[0], cut[1], LineStyle::Visible));
-        View { kind, curves }
+        View::new(kind, curves)
     };
     // Through (7, 0, 10), (10, 4, 10) and (10, 0, 5).
     let drawing = Drawing {
@@ -122,7 +122,7 @@ impl Block {
                 }
             }
         }
-        View { kind, curves }
+        View::new(kind, curves)
     }
 }
 

@@ -6,10 +6,9 @@
 
 use super::cells::Cells;
 use super::preference::Preference;
-use super::sight::{EdgeSectors, SightTest, SightTestPlace, SightTests};
+use super::sight::{EdgeSectors, Expected, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
-use planish_core::DVec3;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// State of each cell: true if solid.
@@ -20,7 +19,7 @@ pub(crate) struct SearchResult {
     /// True if all assignments were enumerated.
     pub(crate) complete: bool,
     /// Positions that no solid explains.
-    pub(crate) unexplained: Vec<(Option<LineStyle>, SightTestPlace)>,
+    pub(crate) unexplained: Vec<(Expected, SightTestPlace)>,
 }
 
 /// Kinds of edges that a drawn line may represent.
@@ -113,20 +112,25 @@ impl Encoder {
 
     /// Adds the clauses of a sight test, which hold while its switch is on.
     fn add(&mut self, sight_test: &SightTest, switch: Lit) {
+        if let Expected::Material(is_solid) = sight_test.expected {
+            let solid = self.solid(sight_test.start[0]);
+            self.clause(vec![!switch, if is_solid { solid } else { !solid }]);
+            return;
+        }
         // Only sharp edges are forbidden where nothing is drawn; a drawn line may be a tangent edge.
         let (forbidden, drawn) = (SmoothEdges::NotDrawn, self.smooth_edges);
-        let seen_as = match sight_test.style {
-            Some(LineStyle::Visible) => drawn,
+        let seen_as = match sight_test.expected {
+            Expected::Line(LineStyle::Visible) => drawn,
             _ => forbidden,
         };
         let events: Vec<Lit> = sight_test.groups.iter().map(|g| self.event(g, seen_as)).collect();
         // Where nothing is drawn, neither a visible nor a hidden edge may be: no occlusion is needed.
-        let Some(style) = sight_test.style else {
+        if sight_test.expected == Expected::NoEdge {
             for event in events {
                 self.clause(vec![!switch, !event]);
             }
             return;
-        };
+        }
         // `visible[k]` holds if group k is an edge and all cells before it on both rays are empty. `clear`
         // accumulates the latter from the eye inwards, so each group adds one literal instead of a clause
         // over all cells before it.
@@ -143,16 +147,19 @@ impl Encoder {
             visible.push(seen);
             passed.extend(&group.sectors);
         }
-        match style {
-            LineStyle::Visible => {
+        match sight_test.expected {
+            Expected::Line(LineStyle::Visible) => {
                 visible.push(!switch);
                 self.clause(visible);
             }
-            LineStyle::Hidden => {
-                // A hidden line must not be visible anywhere along the ray, and it needs an edge. Only this
-                // edge may be a tangent one: `visible` was built from sharp edges.
+            // A hidden line must not be visible anywhere along the ray, and it needs an edge. Only this edge
+            // may be a tangent one: `visible` was built from sharp edges.
+            expected => {
                 for seen in visible {
                     self.clause(vec![!switch, !seen]);
+                }
+                if expected != Expected::Line(LineStyle::Hidden) {
+                    return;
                 }
                 let mut any: Vec<Lit> = sight_test.groups.iter().map(|g| self.event(g, drawn)).collect();
                 any.push(!switch);
@@ -266,10 +273,7 @@ pub(crate) fn search(
     limit: usize,
     mut accept: impl FnMut(&Assignment) -> Vec<u32>,
 ) -> SearchResult {
-    let outside = cells.at_in(
-        [0, 0, 0],
-        DVec3::from_array([0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size)),
-    );
+    let outside = cells.outside();
     // Each test has a switch. Assumed switches keep its clauses active, and the core of a contradiction then
     // names the tests that contradict each other.
     let mut encoder = Encoder::new(outside, smooth_edges);
@@ -297,7 +301,7 @@ pub(crate) fn search(
         };
         let (_, index) = switches.swap_remove(at);
         let (sight_test, places) = &sight_tests.tests[index];
-        unexplained.push((sight_test.style, places[0].clone()));
+        unexplained.push((sight_test.expected, places[0].clone()));
     }
     let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
     // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.

@@ -41,11 +41,23 @@ pub(crate) struct EdgeSectors {
     pub(crate) tangent: Vec<[u8; 2]>,
 }
 
-/// The cells along the two rays beside a point, and the line style drawn there.
+/// What a drawing shows at a point of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) enum Expected {
+    /// An edge or outline, visible or hidden.
+    Line(LineStyle),
+    /// No edge, neither visible nor hidden.
+    NoEdge,
+    /// No visible edge: the view does not draw hidden ones.
+    NoVisibleEdge,
+    /// In a section, that the first cell is solid (hatched) or empty.
+    Material(bool),
+}
+
+/// The cells along the two rays beside a point, and what is drawn there.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct SightTest {
-    /// Style of the drawn line; `None` where nothing is drawn.
-    pub(crate) style: Option<LineStyle>,
+    pub(crate) expected: Expected,
     /// First cell of each ray.
     pub(crate) start: [u32; 2],
     /// Rings of sectors along the line of sight, nearest first.
@@ -72,11 +84,12 @@ impl SightTests {
     /// Collects the tests of every line, and of places where a line may be missing.
     pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
         let mut sight_tests = Self { tests: Vec::new(), seen: HashMap::new() };
-        for view in 0..cells.plan.views.len() {
+        for view in (0..cells.plan.views.len()).filter(|v| !cells.plan.views[*v].is_candidates) {
             sight_tests.along_grid(cells, view);
             sight_tests.along_pieces(cells, view);
             sight_tests.at_crossings(cells, drawing, view);
             sight_tests.at_walls(cells, drawing, view);
+            sight_tests.at_hatches(cells, drawing, view);
         }
         sight_tests
     }
@@ -104,6 +117,11 @@ impl SightTests {
         if nearer.as_ref() != Some(&sight_test) {
             return;
         }
+        self.add_test(sight_test, place);
+    }
+
+    /// Adds a test, or a position to a known one.
+    pub(super) fn add_test(&mut self, sight_test: SightTest, place: SightTestPlace) {
         let next = self.tests.len();
         let at = *self.seen.entry(sight_test.clone()).or_insert(next);
         if at == next {
@@ -125,7 +143,7 @@ impl SightTests {
                 // The rays must stay within the neighbouring intervals of the grid.
                 let step =
                     (1e-5 * plan.size).min(0.2 * (across[i] - across[i - 1]).min(across[i + 1] - across[i]));
-                let at_curves = busy[i - 1] || busy[i];
+                let at_curves = !shown.shows_hidden || busy[i - 1] || busy[i];
                 for j in 0..along.len() - 1 {
                     let (lo, hi) = (along[j], along[j + 1]);
                     let samples: &[f64] = if curved[j] { &[0.13, 0.47, 0.86] } else { &[0.47] };
@@ -384,7 +402,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
     let sign = if kind.depth_increases_away() { 1.0 } else { -1.0 };
     let mut normal = DVec3::ZERO;
     match entry.surface {
-        SurfaceId::Grid(..) => {
+        SurfaceId::Grid(..) | SurfaceId::Cut => {
             normal[along] = 1.0;
             Limit { depth: entry.depth, surface: entry.surface, normal: Some(normal), cell: entry.cell }
         }
@@ -511,7 +529,12 @@ fn sight_test(
         groups.push(group(&limits[from..to], &mut now));
         from = to;
     }
-    Some(SightTest { style, start, groups })
+    let expected = match style {
+        Some(style) => Expected::Line(style),
+        None if plan.views[view].shows_hidden => Expected::NoEdge,
+        None => Expected::NoVisibleEdge,
+    };
+    Some(SightTest { expected, start, groups })
 }
 
 /// The ring of sectors of breaks with one depth. `now` are the cells of both rays before it, then behind it.

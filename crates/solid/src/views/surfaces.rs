@@ -33,7 +33,7 @@ impl Extruded {
                     plane: Some((axis, offset)),
                 }
             }
-            SurfaceId::Wall(_) => unreachable!("a wall is not extruded"),
+            SurfaceId::Wall(_) | SurfaceId::Cut => unreachable!("neither a wall nor a cut is extruded"),
             SurfaceId::Carrier(view, carrier) => {
                 let view = &cells.plan.views[view];
                 Self { axes: view.kind.axes(), profile: view.carriers[carrier].profile, plane: None }

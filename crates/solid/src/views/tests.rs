@@ -1,4 +1,5 @@
 use super::*;
+use crate::drawing::ViewContent;
 use std::f64::consts::{PI, TAU};
 
 fn drawn(curve: Curve2, style: LineStyle) -> DrawnCurve {
@@ -23,7 +24,7 @@ fn box_with_hole() -> Drawing {
     let mut top = rectangle([0.0, 0.0], [40.0, 30.0]);
     let hole = Curve2::Arc { center: [20.0, 15.0], radius: 6.0, start: 0.0, sweep: TAU };
     top.push(drawn(hole, LineStyle::Visible));
-    let view = |kind, curves| View { kind, curves };
+    let view = |kind, curves| View::new(kind, curves);
     Drawing {
         views: vec![
             view(ViewKind::Front, with(rectangle([0.0, 0.0], [40.0, 20.0]), [14.0, 26.0])),
@@ -87,7 +88,7 @@ pub(super) fn visible(curve: Curve2) -> DrawnCurve {
 
 fn three(front: Vec<DrawnCurve>, top: Vec<DrawnCurve>, side: Vec<DrawnCurve>) -> Drawing {
     let views = ViewKind::ALL.into_iter().zip([front, top, side]);
-    Drawing { views: views.map(|(kind, curves)| View { kind, curves }).collect() }
+    Drawing { views: views.map(|(kind, curves)| View::new(kind, curves)).collect() }
 }
 
 fn only(drawing: &Drawing) -> Solution {
@@ -182,4 +183,50 @@ fn one_view_is_not_enough() {
     drawing.views.truncate(1);
     let e = solve(&drawing).unwrap_err();
     assert!(e.to_string().contains("expected two or three views, found 1"), "{e}");
+}
+
+#[test]
+fn without_hidden_lines_a_hole_goes_through_and_a_missing_visible_line_is_named() {
+    let mut drawing = box_with_hole();
+    for view in &mut drawing.views {
+        view.curves.retain(|c| c.style == LineStyle::Visible);
+    }
+    // As drawings of all edges, the views show that there is no hole.
+    assert!(!solve(&drawing).unwrap().unexplained.is_empty());
+    for view in &mut drawing.views {
+        view.content = ViewContent::VisibleEdges;
+    }
+    let found = solve(&drawing).unwrap();
+    let best = &found.solutions[0];
+    assert!((best.measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8, "{}", best.measures.volume);
+    assert!(disagreements(&best.solid, &drawing, &ReprojectionOptions::default()).is_empty());
+    // A step that only the side view shows has a visible edge in the top view, too.
+    drawing.views[2].curves = rectangle([0.0, 0.0], [30.0, 12.0]);
+    drawing.views[2].curves.extend(rectangle([0.0, 12.0], [3.0, 20.0]));
+    let refused = |found: Result<Solutions>| found.map_or(true, |found| !found.unexplained.is_empty());
+    assert!(refused(solve(&drawing)));
+}
+
+#[test]
+fn candidate_circles_make_cylinders_of_what_could_be_square() {
+    // Front and side view of a bar of 20 along z.
+    let mut drawing = Drawing {
+        views: [ViewKind::Front, ViewKind::Side]
+            .map(|kind| View::new(kind, rectangle([0.0, 0.0], [10.0, 20.0])))
+            .to_vec(),
+    };
+    let volume = |drawing: &Drawing| solve(drawing).unwrap().solutions[0].measures.volume;
+    assert!((volume(&drawing) - 2000.0).abs() < 1e-9);
+    let circle = Curve2::Arc { center: [5.0, 5.0], radius: 5.0, start: 0.0, sweep: TAU };
+    let content = ViewContent::Candidates;
+    drawing.views.push(View {
+        kind: ViewKind::Top,
+        curves: vec![drawn(circle, LineStyle::Visible)],
+        content,
+    });
+    let found = solve(&drawing).unwrap();
+    assert!((volume(&drawing) - 500.0 * PI).abs() < 1e-8, "{}", volume(&drawing));
+    // The square bar still has these views.
+    assert!(found.solutions.iter().any(|s| (s.measures.volume - 2000.0).abs() < 1e-8));
+    assert!(disagreements(&found.solutions[0].solid, &drawing, &ReprojectionOptions::default()).is_empty());
 }

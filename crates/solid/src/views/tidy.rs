@@ -192,5 +192,5 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
         }
     }
     curves.retain(|c: &DrawnCurve| c.curve.length() > MIN_LENGTH * size);
-    View { kind: view.kind, curves }
+    View { curves, ..view.clone() }
 }

@@ -6,7 +6,7 @@ use crate::reprojection::{ReprojectionOptions, disagreements};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 pub(super) fn drawing(views: Vec<(ViewKind, Vec<DrawnCurve>)>) -> Drawing {
-    Drawing { views: views.into_iter().map(|(kind, curves)| View { kind, curves }).collect() }
+    Drawing { views: views.into_iter().map(|(kind, curves)| View::new(kind, curves)).collect() }
 }
 
 /// The same curves in front and side view, as turned parts have them.

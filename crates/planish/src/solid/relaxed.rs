@@ -1,0 +1,97 @@
+//! What is tried if no solid explains all lines as they are drawn.
+//!
+//! 1. Coordinates that nearly agree are the same, with the smallest error that gives a solid; fragments that
+//!    are shorter are dropped.
+//! 2. Views that draw no hidden lines omit them.
+//!
+//! Each is a finding.
+
+use super::sheet::ReadDrawing;
+use super::{SearchedReading, search_readings};
+use planish_core::{Finding, FindingCode, Progress, Setting};
+use planish_report::numbers::significant;
+use planish_solid::drawing::{Drawing, View, ViewContent};
+use planish_solid::views::{coordinate_mismatches, joined};
+
+/// Factor by which coordinates may differ more than those of the mismatch that is assumed.
+const MARGIN: f64 = 1.1;
+
+/// Maximum number of readings of a sheet that are relaxed, because each search takes time.
+const MAX_READINGS: usize = 2;
+
+/// Searches the readings of a drawing with more and more freedom; none if no solid is found.
+pub(super) fn search_relaxed(
+    readings: &[ReadDrawing],
+    is_exact: bool,
+    progress: &dyn Progress,
+) -> Option<SearchedReading> {
+    let readings = &readings[..readings.len().min(MAX_READINGS)];
+    // An error here has the same cause as that of the drawing as it is, which names the lines.
+    let solved = |readings: Vec<ReadDrawing>| match readings.is_empty() {
+        true => None,
+        false => {
+            search_readings(readings, progress, |error, _| error).ok().filter(SearchedReading::is_solved)
+        }
+    };
+    let mismatches = match is_exact {
+        true => Vec::new(),
+        false => readings.first().map_or(Vec::new(), |first| coordinate_mismatches(&first.drawing)),
+    };
+    for mismatch in mismatches {
+        let joined = readings.iter().filter_map(|reading| with_tolerance(reading, MARGIN * mismatch));
+        if let Some(found) = solved(joined.collect()) {
+            return Some(found);
+        }
+    }
+    solved(readings.iter().filter_map(without_hidden).collect())
+}
+
+/// The reading with coordinates joined that are at most a tolerance apart.
+fn with_tolerance(reading: &ReadDrawing, tolerance: f64) -> Option<ReadDrawing> {
+    let mut drawing = reading.drawing.clone();
+    let mut dropped = 0;
+    for view in &mut drawing.views {
+        let count = view.curves.len();
+        view.curves.retain(|drawn| drawn.curve.length() > tolerance);
+        dropped += count - view.curves.len();
+    }
+    let drawing = joined(&drawing, tolerance).ok()?;
+    let fragments = match dropped {
+        0 => String::new(),
+        n => format!(", and {n} lines that are shorter were left out"),
+    };
+    let text = format!(
+        "the views are those of a solid only if coordinates that differ by up to {} are the same{fragments}",
+        significant(tolerance, 2)
+    );
+    let mut findings = reading.findings.clone();
+    findings.push(Finding::new(FindingCode::ToleranceEstimated, text).with_setting(Setting::Tolerance));
+    Some(ReadDrawing { drawing, findings, ..reading.clone() })
+}
+
+/// Whether a view may omit hidden lines.
+fn may_omit(view: &View) -> bool {
+    view.shows_hidden_edges() && !view.has_hidden_lines()
+}
+
+/// The reading with views that may omit hidden lines; none if there are none.
+fn without_hidden(reading: &ReadDrawing) -> Option<ReadDrawing> {
+    let mut drawing: Drawing = reading.drawing.clone();
+    let mut named = Vec::new();
+    for view in drawing.views.iter_mut().filter(|view| may_omit(view)) {
+        view.content = ViewContent::VisibleEdges;
+        named.push(view.kind.name());
+    }
+    if named.is_empty() {
+        return None;
+    }
+    let text = format!(
+        "no hidden lines are drawn in the {} view{}, but the solid has hidden edges there: what only hidden \
+         lines would show, such as the depth of a hole, is not determined",
+        named.join(" and the "),
+        if named.len() > 1 { "s" } else { "" }
+    );
+    let mut findings = reading.findings.clone();
+    findings.push(Finding::new(FindingCode::HiddenLinesOmitted, text));
+    Some(ReadDrawing { drawing, findings, ..reading.clone() })
+}
