@@ -79,9 +79,9 @@ impl Circle {
         Curve2::Arc { center: self.center, radius: self.radius, start, sweep }
     }
 
-    /// The circle with a round centre and radius, or one tangent to straight lines of all views, if the
-    /// points allow it; else the circle itself.
-    fn regularised(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
+    /// The circle with a round centre and radius, one tangent to straight lines of all views, or one about
+    /// the centre of a longer arc, if the points allow it; else the circle itself.
+    fn regularised(self, points: &[[f64; 2]], lines: [&[f64]; 2], longer: &[Self], size: f64) -> Self {
         let round = |step: f64| Self {
             center: self.center.map(|v| (v / step).round() * step),
             radius: (self.radius / step).round() * step,
@@ -92,6 +92,7 @@ impl Circle {
         let candidates = [
             (Some(round(1e-2)), far),
             (self.between(lines, far), far),
+            (self.concentric(points, longer, size), ROUND * size + ROUND_LENGTH),
             (Some(round(1e-4)).filter(|c| self.may_be(c, points, size)), ROUND * size + ROUND_LENGTH),
         ];
         candidates
@@ -99,6 +100,14 @@ impl Circle {
             .filter_map(|(circle, within)| Some((circle?, within)))
             .find(|(c, within)| c.radius > 0.0 && points.iter().all(|p| c.off(*p) <= *within))
             .map_or(self, |(c, _)| c)
+    }
+
+    /// The circle about the nearest centre of a longer arc that the points allow.
+    fn concentric(&self, points: &[[f64; 2]], longer: &[Self], size: f64) -> Option<Self> {
+        let off = |c: &Self| distance(c.center, self.center);
+        let nearest = longer.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        let about = Self { center: nearest.center, radius: self.radius };
+        self.may_be(&about, points, size).then_some(about)
     }
 
     /// True if a circle fits the points of an arc as well as this one, for points with six decimals.
@@ -198,7 +207,7 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
                 continue;
             }
             None => {
-                let circle = Circle { center, radius }.regularised(&points, lines, size);
+                let circle = Circle { center, radius }.regularised(&points, lines, &circles, size);
                 circles.push(circle);
                 circle
             }
@@ -249,7 +258,7 @@ fn along_circles(curves: &mut [DrawnCurve], circles: &mut Vec<Circle>, lines: [&
                 let exact = circle.between(lines, within).unwrap_or(circle);
                 let near = distance(exact.center, circle.center).max((exact.radius - circle.radius).abs());
                 let exact = if near <= within { exact } else { circle };
-                let exact = exact.regularised(&points, lines, size);
+                let exact = exact.regularised(&points, lines, circles, size);
                 circles.push(exact);
                 exact
             }
