@@ -82,18 +82,14 @@ impl Circle {
     /// The circle with a round centre and radius, one tangent to straight lines of all views, or one about
     /// the centre of a longer arc, if the points allow it; else the circle itself.
     fn regularised(self, points: &[[f64; 2]], lines: [&[f64]; 2], longer: &[Self], size: f64) -> Self {
-        let round = |step: f64| Self {
-            center: self.center.map(|v| (v / step).round() * step),
-            radius: (self.radius / step).round() * step,
-        };
         let far = MAX_ROUNDING * size;
         // Designed values first, then tangents of lines, then values with more decimals, which are weaker
         // evidence and must fit better.
         let candidates = [
-            (Some(round(1e-2)), far),
+            (Some(self.rounded(1e-2)), far),
             (self.between(lines, far), far),
             (self.concentric(points, longer, size), ROUND * size + ROUND_LENGTH),
-            (Some(round(1e-4)).filter(|c| self.may_be(c, points, size)), ROUND * size + ROUND_LENGTH),
+            (Some(self.rounded(1e-4)).filter(|c| self.may_be(c, points, size)), ROUND * size + ROUND_LENGTH),
         ];
         candidates
             .into_iter()
@@ -119,6 +115,31 @@ impl Circle {
         let height = distance(middle, [0, 1].map(|k| (first[k] + last[k]) / 2.0)).min(self.radius);
         let moved = distance(other.center, self.center).max((other.radius - self.radius).abs());
         moved * height <= self.radius * (ROUND * size / 10.0 + STATED_ROUNDING)
+    }
+
+    /// The circle that a spline approximates: tangent to lines, about a known centre, or with round values.
+    ///
+    /// `None` if there is none and the centre of the spline is too inaccurate for the search.
+    fn designed(self, off: f64, lines: [&[f64]; 2], known: &[Self], size: f64) -> Option<Self> {
+        // The errors of many points along a circle cancel in its centre and radius: of 20 splines, these were
+        // off by at most a fifth of the points.
+        let within = (off / 4.0).max(MAX_ROUNDING * size);
+        let near = |c: &Self| distance(c.center, self.center).max((c.radius - self.radius).abs()) <= within;
+        let about = |c: &Self| Self { center: c.center, radius: self.radius };
+        let tangent = self.between(lines, within).filter(near);
+        let [coarse, fine] = [1e-2, 1e-4].map(|step| self.rounded(step));
+        let round = (within < 1e-3).then_some(coarse).filter(near);
+        let concentric = known.iter().map(about).find(near).map(|c| Self { radius: fine.radius, ..c });
+        let designed = tangent.or(round).or(concentric.filter(near));
+        designed.or((off <= MAX_ROUNDING * size).then_some(self))
+    }
+
+    /// The circle with centre and radius at multiples of a step.
+    fn rounded(self, step: f64) -> Self {
+        Self {
+            center: self.center.map(|v| (v / step).round() * step),
+            radius: (self.radius / step).round() * step,
+        }
     }
 
     /// The circle whose extremes are coordinates of lines, along both axes if both have such lines.
@@ -253,12 +274,9 @@ fn along_circles(curves: &mut [DrawnCurve], circles: &mut Vec<Circle>, lines: [&
         let circle = match circles.iter().find(on) {
             Some(known) => *known,
             None => {
-                // The errors of many points along a circle cancel in its centre and radius.
-                let within = (off / 4.0).max(MAX_ROUNDING * size);
-                let exact = circle.between(lines, within).unwrap_or(circle);
-                let near = distance(exact.center, circle.center).max((exact.radius - circle.radius).abs());
-                let exact = if near <= within { exact } else { circle };
-                let exact = exact.regularised(&points, lines, circles, size);
+                let Some(exact) = circle.designed(off, lines, circles, size) else {
+                    continue;
+                };
                 circles.push(exact);
                 exact
             }
@@ -309,7 +327,9 @@ fn without_fragments(curves: Vec<DrawnCurve>, size: f64) -> Vec<DrawnCurve> {
         let length = drawn.curve.length();
         length < MAX_FRAGMENT * size && {
             let points = drawn.curve.points();
-            let on = |p: &[f64; 2], c: &Curve2| distance(*p, nearest_on_curve(c, *p)) <= ON_CIRCLE * size;
+            // Less than its length: the end of a neighbour is as near as that.
+            let near = (ON_CIRCLE * size).min(length / 10.0);
+            let on = |p: &[f64; 2], c: &Curve2| distance(*p, nearest_on_curve(c, *p)) <= near;
             let longer = |c: &&DrawnCurve| c.curve.length() > 4.0 * length;
             curves.iter().filter(longer).any(|c| points.iter().all(|p| on(p, &c.curve)))
         }
