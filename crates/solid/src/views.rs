@@ -74,7 +74,7 @@ use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::joined;
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
-use search::SmoothEdges;
+use search::{Bodies, CellState, Conventions, SmoothEdges};
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
@@ -258,12 +258,22 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     // Drafting does not draw tangent edges, so drawings are first read without them. With them, each tangent
     // line would be one more explanation of a line that is really a sharp edge.
-    let plain = solve_with(drawing, SmoothEdges::NotDrawn, scale);
+    let conventions = Conventions { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+    let plain = solve_with(drawing, conventions, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
     if is_too_large || best_agreeing(&plain, drawing).is_some() {
         return plain;
     }
-    let smooth = solve_with(drawing, SmoothEdges::MayBeDrawn, scale);
+    let smooth_edges = SmoothEdges::MayBeDrawn;
+    let smooth = solve_with(drawing, Conventions { smooth_edges, ..conventions }, scale);
+    // Bodies that touch come last: each boss may be a body of its own, which only adds solids where others
+    // are found.
+    if best_agreeing(&smooth, drawing).is_none() {
+        let touching = solve_with(drawing, Conventions { bodies: Bodies::MayTouch, ..conventions }, scale);
+        if best_agreeing(&touching, drawing).is_some() {
+            return touching;
+        }
+    }
     // If both fail, report the result that lists fewer unexplained lines.
     let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
     match best_agreeing(&smooth, drawing).is_some()
@@ -274,8 +284,8 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     }
 }
 
-/// Solves with tangent edges allowed or excluded.
-fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
+/// Solves in one reading of the drawing.
+fn solve_with(drawing: &Drawing, conventions: Conventions, scale: f64) -> Result<Solutions> {
     check_slanted(drawing)?;
     let tidy = tidy::tidied(drawing);
     cells::check_size(&tidy)?;
@@ -285,12 +295,12 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
     // have thousands of cells, each cut by prisms that bound nothing.
     if let Some(found) = oblique {
         let plan = drawing_grid::DrawingGrid::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_grid(&tidy, &plan, smooth_edges, scale);
+        let solved = solve_grid(&tidy, &plan, conventions, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_grid(&tidy, &plan, smooth_edges, scale);
+    let mut best = solve_grid(&tidy, &plan, conventions, scale);
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
@@ -299,7 +309,9 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
         // Strict candidates come first because the centre of every fillet also makes a false torus.
-        let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
+        let is_first =
+            conventions.smooth_edges == SmoothEdges::NotDrawn && conventions.bodies == Bodies::Apart;
+        let are_tried = cheapest.is_none() && is_first;
         if is_too_large || !strict && !are_tried {
             break;
         }
@@ -311,7 +323,7 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
         if walls == tried || walls.len() > MAX_WALLS {
             continue;
         }
-        let found = solve_grid(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
+        let found = solve_grid(&tidy, &plan.clone().with_walls(walls.clone()), conventions, scale);
         tried = walls;
         let found_cheapest = best_agreeing(&found, drawing);
         let is_better = match (&found_cheapest, &cheapest) {
@@ -344,7 +356,7 @@ fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solutio
 fn solve_grid(
     drawing: &Drawing,
     plan: &drawing_grid::DrawingGrid,
-    smooth_edges: SmoothEdges,
+    conventions: Conventions,
     scale: f64,
 ) -> Result<Solutions> {
     let cells = cells::Cells::new(plan)?;
@@ -354,10 +366,13 @@ fn solve_grid(
     let found = search::search(
         &cells,
         &sight_tests,
-        smooth_edges,
+        conventions,
         &preference::preferences(&cells),
         MAX_SOLUTIONS,
         |assignment| {
+            if !search::seconds_share_faces(assignment, &sight_tests) {
+                return Vec::new();
+            }
             let solution = match solution(&cells, assignment, scale) {
                 Ok(solution) => solution,
                 Err(rejected) => {
@@ -457,12 +472,21 @@ fn solution(
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
     let does_not_close = |message: String| Rejected { reason: CandidateRejection::DoesNotClose, message };
-    let solid = boundary::boundary(cells, assignment)
-        .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
-        .map_err(|e| does_not_close(e.to_string()))?;
-    // The check accepts a boundary that touches itself, since each part closes; contacts are found
-    // separately.
-    let contacts = solid.contacts(CONTACT_DISTANCE * cells.plan.size);
+    let mut solid = Solid::default();
+    let mut contacts = Vec::new();
+    for state in [CellState::First, CellState::Second] {
+        if !assignment.values().any(|s| *s == state) {
+            continue;
+        }
+        let part = boundary::boundary(cells, assignment, state)
+            .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
+            .map_err(|e| does_not_close(e.to_string()))?;
+        // The check accepts a boundary that touches itself, since each part closes; contacts are found
+        // separately. Bodies of different states may share faces.
+        contacts.extend(part.contacts(CONTACT_DISTANCE * cells.plan.size));
+        solid.append(part);
+    }
+    contacts.sort_by_key(|contact| !contact.is_between_bodies);
     let touches = contacts.first().map(|contact| {
         let what = match (contact.is_between_bodies, contact.is_line) {
             (true, true) => "two bodies only touch along a line through",
