@@ -287,7 +287,10 @@ impl BoundaryBuilder<'_> {
         // By central differences, as curves of all kinds have points but not all have derivatives.
         let h = 1e-4 * (range[1] - range[0]);
         let tangent = unit(curve.point(middle + h) - curve.point(middle - h));
-        let step = 1e-5 * self.cells.plan.size;
+        // A surface that passes beside the curve must not come between the points around it: near a tangent
+        // plane, a cylinder is as close as the square of the distance from the contact.
+        let clear = self.surfaces.iter().map(|s| s.value(m).abs()).filter(|far| *far > 2.0 * self.tolerance);
+        let step = clear.fold(1e-5 * self.cells.plan.size, |step, far| step.min(0.3 * far));
         let halves = self.halves(m, tangent, step);
         let count = halves.len();
         if count < 2 {
