@@ -74,7 +74,7 @@ use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::joined;
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
-use search::{Bodies, CellState, Conventions, SmoothEdges};
+use search::{Bodies, CellState, Conventions, Regularity, SmoothEdges};
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
@@ -105,6 +105,10 @@ const MAX_SLANTED: usize = 5000;
 /// It bounds the run time of ambiguous drawings. [`Solutions::complete`] is false if it was reached.
 pub const MAX_SOLUTIONS: usize = 32;
 
+/// Cost of each body after the first. It exceeds the number of faces of any solid that the search finds, so
+/// that one body is preferred to two.
+const COST_OF_BODY: f64 = 1000.0;
+
 /// A solid that matches the views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
@@ -120,15 +124,21 @@ pub struct Solution {
     pub touches: Option<Rejected>,
     /// True if two of its bodies touch. CAD programs accept this neither as one solid nor as two.
     bodies_touch: bool,
+    /// Whether equal circles are equal features.
+    regularity: Regularity,
 }
 
 impl Solution {
-    /// Orders solutions: first those without contacts, then by cost, then by the number of edges.
+    /// Orders solutions: first those without contacts, then by the number of bodies, those with equal
+    /// features, by cost, and by the number of edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
         let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.bodies_touch);
+        let more_bodies = |s: &Self| (s.cost / COST_OF_BODY) as u64;
         contact(self)
             .cmp(&contact(other))
+            .then(more_bodies(self).cmp(&more_bodies(other)))
+            .then(self.regularity.cmp(&other.regularity))
             .then(self.cost.total_cmp(&other.cost))
             .then(edges(self).cmp(&edges(other)))
     }
@@ -367,14 +377,14 @@ fn solve_grid(
         &cells,
         &sight_tests,
         conventions,
-        &preference::preferences(&cells),
+        &preference::Preferences::of_cells(&cells),
         MAX_SOLUTIONS,
-        |assignment| {
+        |assignment, regularity| {
             if !search::seconds_share_faces(assignment, &sight_tests) {
                 return Vec::new();
             }
             let solution = match solution(&cells, assignment, scale) {
-                Ok(solution) => solution,
+                Ok(solution) => Solution { regularity, ..solution },
                 Err(rejected) => {
                     solutions.rejected.push(rejected);
                     return Vec::new();
@@ -510,10 +520,11 @@ fn solution(
     }
     Ok(Solution {
         // Any solid of one body is preferred to two bodies, whatever its number of faces.
-        cost: solid.faces.len() as f64 + 1000.0 * solid.bodies().len().saturating_sub(1) as f64,
+        cost: solid.faces.len() as f64 + COST_OF_BODY * solid.bodies().len().saturating_sub(1) as f64,
         solid,
         measures,
         bodies_touch: contacts.first().is_some_and(|c| c.is_between_bodies),
+        regularity: Regularity::Any,
         touches,
     })
 }

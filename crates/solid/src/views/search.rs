@@ -5,7 +5,7 @@
 //! the fewest positions first. The lines of these tests are reported as unexplained.
 
 use super::cells::Cells;
-use super::preference::Preference;
+use super::preference::{Preference, Preferences};
 use super::sight::{EdgeSectors, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
@@ -57,6 +57,13 @@ pub(crate) enum Bodies {
 pub(crate) struct Conventions {
     pub(crate) smooth_edges: SmoothEdges,
     pub(crate) bodies: Bodies,
+}
+
+/// Whether the features of an assignment are equal where their circles are, as far as the drawing allows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Regularity {
+    Equal,
+    Any,
 }
 
 /// Translates sight tests into clauses.
@@ -427,14 +434,14 @@ pub(crate) fn seconds_share_faces(assignment: &Assignment, sight_tests: &SightTe
 /// Enumerates assignments and passes each to `accept`, up to a maximum number.
 ///
 /// `accept` returns cells whose state makes no difference; assignments that differ only in these are skipped.
-/// Assignments that satisfy the compatible preferences come first.
+/// Assignments that satisfy the compatible preferences come first; the regularity states which these are.
 pub(crate) fn search(
     cells: &Cells,
     sight_tests: &SightTests,
     conventions: Conventions,
-    preferences: &[Preference],
+    preferences: &Preferences,
     limit: usize,
-    mut accept: impl FnMut(&Assignment) -> Vec<u32>,
+    mut accept: impl FnMut(&Assignment, Regularity) -> Vec<u32>,
 ) -> SearchResult {
     let outside = cells.at_in(
         [0, 0, 0],
@@ -474,16 +481,22 @@ pub(crate) fn search(
     if !unexplained.is_empty() {
         return SearchResult { complete: true, unexplained };
     }
-    let mut preferred: Vec<Lit> = preferences.iter().map(|p| encoder.prefer(p)).collect();
+    let patterns: Vec<Lit> = preferences.patterns.iter().map(|p| encoder.prefer(p)).collect();
+    let mut preferred = patterns.clone();
+    preferred.extend(preferences.surfaces.iter().map(|p| encoder.prefer(p)));
     // As few cells as possible are separated from others.
     preferred.extend(encoder.seconds.iter().flatten().map(|(_, second)| Lit::new(*second, false)));
     let mut assumed = encoder.first_choice(&on, preferred);
     let mut undetermined: HashSet<u32> = HashSet::new();
+    let mut regularity = match patterns.iter().any(|p| assumed.contains(p)) {
+        true => Regularity::Equal,
+        false => Regularity::Any,
+    };
     let mut count = 0;
     loop {
         count += 1;
         let assignment = encoder.assignment();
-        undetermined.extend(accept(&assignment));
+        undetermined.extend(accept(&assignment, regularity));
         // Without the indifferent cells, all assignments that differ only in these are excluded as well.
         // Otherwise n slivers would give 2^n copies of one solid.
         let continues = encoder.exclude(&assignment, &undetermined) && count < limit;
@@ -491,6 +504,7 @@ pub(crate) fn search(
         if continues && !is_found && assumed.len() > on.len() {
             // The preferred assignments are exhausted; continue without preferences.
             assumed.clone_from(&on);
+            regularity = Regularity::Any;
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
         }
         if !is_found {
