@@ -1,10 +1,10 @@
 //! Preferences of the search: equal features, and no cylinder where a surface of revolution is in the same
 //! box.
 //!
-//! A column of equal holes has one image in two of the views, so each of these lines holds if one of the holes
-//! has the edge: nine countersunk holes in three rows may be six dimples and three holes. Output of
-//! [`patterns`]: pairs of cells at the same place of two equal circles of a view. Engineers draw equal
-//! circles for equal features, so both cells first have the same state.
+//! A row of equal holes has one image in the view along the row, and one of the holes explains it: nine
+//! countersunk holes in three rows may be six dimples and three holes. Output of [`patterns`]: pairs of cells
+//! at the same place of two equal circles of a view. Engineers draw equal circles for equal features, so both
+//! cells first have the same state.
 //!
 //! A half circle above a circle may be half a ball, two crossing cylinders, or either of them in each
 //! quarter. Four domes thus give hundreds of solids, more than the search enumerates. Input: cells. Output:

@@ -49,6 +49,32 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
 }
 
 #[test]
+fn a_hole_drawn_as_an_inaccurate_spline_is_exact() {
+    let mut drawing = box_with_hole();
+    let point = |k: usize| {
+        let angle = TAU * k as f64 / 160.0;
+        let radius = 6.0 * (1.0 + 3e-5 * (5.0 * angle).cos());
+        [20.0 + radius * angle.cos(), 15.0 + radius * angle.sin()]
+    };
+    let hole = drawing.views[1].curves.last_mut().unwrap();
+    hole.curve = Curve2::Chain((0..=160).map(point).collect());
+    let found = solve(&drawing).unwrap();
+    let [only] = &found.solutions[..] else { panic!("{:?}", found.unexplained) };
+    assert!((only.measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8, "{}", only.measures.volume);
+}
+
+#[test]
+fn a_fragment_on_a_line_is_dropped_and_one_beside_it_is_not() {
+    // Open Cascade leaves such a line at most cross holes.
+    let with = |x: f64| {
+        let mut drawing = box_with_hole();
+        drawing.views[0].curves.push(segment([x, 3.0], [x + 1e-5, 3.009], LineStyle::Visible));
+        solve(&drawing).unwrap().solutions.len()
+    };
+    assert_eq!([with(14.0), with(10.0)], [1, 0]);
+}
+
+#[test]
 fn unexplained_hidden_line_is_reported_by_name() {
     let mut drawing = box_with_hole();
     let mut stray = segment([5.0, 0.0], [5.0, 20.0], LineStyle::Hidden);

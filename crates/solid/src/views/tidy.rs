@@ -304,8 +304,10 @@ fn turned(points: &[[f64; 2]]) -> f64 {
 
 /// The circle through the points of a curve, and its sweep; `None` if they are not on one.
 fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
-    // Any three points lie on a circle; rectangles and other polygons of few corners have one as well.
+    // The corners of a regular polygon lie on a circle as well, but are farther apart than points of splines
+    // and ellipses (at most 0.131 of the radius).
     const MIN_POINTS: usize = 9;
+    const MAX_CHORD: f64 = 0.14;
     if points.len() < MIN_POINTS {
         return None;
     }
@@ -313,6 +315,9 @@ fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
         return None;
     };
     let circle = Circle { center: [x, y], radius };
+    if points.windows(2).any(|p| distance(p[0], p[1]) > MAX_CHORD * radius) {
+        return None;
+    }
     let length: f64 = points.windows(2).map(|p| distance(p[0], p[1])).sum();
     let sweep = length / radius;
     let height = radius * (1.0 - (sweep.min(TAU) / 2.0).cos());
