@@ -14,8 +14,8 @@
 //!    candidates.
 //! 4. `search`: a satisfiability problem with one variable per cell (solid or empty). Visible lines must
 //!    be seen, hidden lines occluded, and no other line may appear. As in drafting, tangent edges are not
-//!    drawn. If no solid is found, the search is repeated with tangent edges allowed. `preference` orders the
-//!    search.
+//!    drawn. If no solid is found, the search is repeated with tangent edges allowed, then with bodies that
+//!    touch along faces. `preference` orders the search.
 //! 5. `boundary`: the maximal faces of the solid cells; `touching` handles holes tangent to a face.
 //!
 //! [`crate::sheet`] finds the views of a file that holds all of them.

@@ -73,10 +73,10 @@ fn only_a_fragment_that_lies_on_another_line_is_dropped() {
         let count = front.len();
         tidy::tidied(&drawing).views[0].curves.len() == count
     };
-    assert!(!is_kept([14.0, 3.0], [14.00001, 3.009]));
-    assert!(is_kept([10.0, 3.0], [10.00001, 3.009]));
+    assert!(!is_kept([14.0, 3.0], [14.00001, 3.005]));
+    assert!(is_kept([10.0, 3.0], [10.00001, 3.005]));
     // A short piece of a line begins where its neighbour ends.
-    assert!(is_kept([40.0, 20.0], [40.009, 20.0]));
+    assert!(is_kept([40.0, 20.0], [40.005, 20.0]));
 }
 
 #[test]
