@@ -322,7 +322,7 @@ fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
     let sweep = length / radius;
     let height = radius * (1.0 - (sweep.min(TAU) / 2.0).cos());
     let off = points.iter().map(|p| circle.off(*p)).fold(0.0, f64::max);
-    (sweep >= MIN_CIRCLE_SWEEP && sweep < TAU + 0.01 && off <= MAX_CIRCLE_ERROR * height)
+    ((MIN_CIRCLE_SWEEP..TAU + 0.01).contains(&sweep) && off <= MAX_CIRCLE_ERROR * height)
         .then_some((circle, sweep))
 }
 
