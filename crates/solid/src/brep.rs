@@ -248,6 +248,21 @@ impl Solid {
         self.edges = edges;
     }
 
+    /// Adds the faces of another solid, with edges and vertices of their own.
+    pub(crate) fn append(&mut self, mut other: Self) {
+        let [vertices, edges] = [self.vertices.len(), self.edges.len()];
+        self.vertices.append(&mut other.vertices);
+        self.edges.extend(other.edges.into_iter().map(|e| Edge {
+            start: e.start + vertices,
+            end: e.end + vertices,
+            ..e
+        }));
+        for coedge in other.faces.iter_mut().flat_map(|f| &mut f.loops).flatten() {
+            coedge.edge += edges;
+        }
+        self.faces.append(&mut other.faces);
+    }
+
     /// Gives each fan of faces around a point its own vertex.
     ///
     /// Parts of the boundary that only touch then share no vertex, which keeps the topology manifold.

@@ -14,8 +14,8 @@
 //!    candidates.
 //! 4. `search`: a satisfiability problem with one variable per cell (solid or empty). Visible lines must
 //!    be seen, hidden lines occluded, and no other line may appear. As in drafting, tangent edges are not
-//!    drawn. If no solid is found, the search is repeated with tangent edges allowed. `preference` orders the
-//!    search.
+//!    drawn. If no solid is found, the search is repeated with tangent edges allowed, then with bodies that
+//!    touch along faces. `preference` orders the search.
 //!    Sections and views without hidden lines only forbid visible edges where nothing is drawn; in a section,
 //!    cells in the cutting plane are solid where it is hatched (`hatched`).
 //! 5. `boundary`: the maximal faces of the solid cells; `touching` handles holes tangent to a face.
@@ -77,7 +77,7 @@ use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::{coordinate_mismatches, joined};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
-use search::SmoothEdges;
+use search::{Bodies, CellState, Conventions, Regularity, SmoothEdges};
 use sight::Expected;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -109,6 +109,10 @@ const MAX_SLANTED: usize = 5000;
 /// It bounds the run time of ambiguous drawings. [`Solutions::complete`] is false if it was reached.
 pub const MAX_SOLUTIONS: usize = 32;
 
+/// Cost of each body after the first. It exceeds the number of faces of any solid that the search finds, so
+/// that one body is preferred to two.
+const COST_OF_BODY: f64 = 1000.0;
+
 /// A solid that matches the views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
@@ -124,15 +128,21 @@ pub struct Solution {
     pub touches: Option<Rejected>,
     /// True if two of its bodies touch. CAD programs accept this neither as one solid nor as two.
     bodies_touch: bool,
+    /// Whether equal circles are equal features.
+    regularity: Regularity,
 }
 
 impl Solution {
-    /// Orders solutions: first those without contacts, then by cost, then by the number of edges.
+    /// Orders solutions: first those without contacts, then by the number of bodies, those with equal
+    /// features, by cost, and by the number of edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
         let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.bodies_touch);
+        let more_bodies = |s: &Self| (s.cost / COST_OF_BODY) as u64;
         contact(self)
             .cmp(&contact(other))
+            .then(more_bodies(self).cmp(&more_bodies(other)))
+            .then(self.regularity.cmp(&other.regularity))
             .then(self.cost.total_cmp(&other.cost))
             .then(edges(self).cmp(&edges(other)))
     }
@@ -262,12 +272,22 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     // Drafting does not draw tangent edges, so drawings are first read without them. With them, each tangent
     // line would be one more explanation of a line that is really a sharp edge.
-    let plain = solve_with(drawing, SmoothEdges::NotDrawn, scale);
+    let conventions = Conventions { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+    let plain = solve_with(drawing, conventions, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
     if is_too_large || best_agreeing(&plain, drawing).is_some() {
         return plain;
     }
-    let smooth = solve_with(drawing, SmoothEdges::MayBeDrawn, scale);
+    let smooth_edges = SmoothEdges::MayBeDrawn;
+    let smooth = solve_with(drawing, Conventions { smooth_edges, ..conventions }, scale);
+    // Bodies that touch come last: each boss may be a body of its own, which only adds solids where others
+    // are found.
+    if best_agreeing(&smooth, drawing).is_none() {
+        let touching = solve_with(drawing, Conventions { bodies: Bodies::MayTouch, ..conventions }, scale);
+        if best_agreeing(&touching, drawing).is_some() {
+            return touching;
+        }
+    }
     // If both fail, report the result that lists fewer unexplained lines.
     let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
     match best_agreeing(&smooth, drawing).is_some()
@@ -278,8 +298,8 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     }
 }
 
-/// Solves with tangent edges allowed or excluded.
-fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
+/// Solves in one reading of the drawing.
+fn solve_with(drawing: &Drawing, conventions: Conventions, scale: f64) -> Result<Solutions> {
     check_slanted(drawing)?;
     let tidy = tidy::tidied(drawing);
     cells::check_size(&tidy)?;
@@ -289,12 +309,12 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
     // have thousands of cells, each cut by prisms that bound nothing.
     if let Some(found) = oblique {
         let plan = drawing_grid::DrawingGrid::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_grid(&tidy, &plan, smooth_edges, scale);
+        let solved = solve_grid(&tidy, &plan, conventions, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_grid(&tidy, &plan, smooth_edges, scale);
+    let mut best = solve_grid(&tidy, &plan, conventions, scale);
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
@@ -303,7 +323,9 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
         // Strict candidates come first because the centre of every fillet also makes a false torus.
-        let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
+        let is_first =
+            conventions.smooth_edges == SmoothEdges::NotDrawn && conventions.bodies == Bodies::Apart;
+        let are_tried = cheapest.is_none() && is_first;
         if is_too_large || !strict && !are_tried {
             break;
         }
@@ -315,7 +337,7 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
         if walls == tried || walls.len() > MAX_WALLS {
             continue;
         }
-        let found = solve_grid(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
+        let found = solve_grid(&tidy, &plan.clone().with_walls(walls.clone()), conventions, scale);
         tried = walls;
         let found_cheapest = best_agreeing(&found, drawing);
         let is_better = match (&found_cheapest, &cheapest) {
@@ -348,45 +370,49 @@ fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solutio
 fn solve_grid(
     drawing: &Drawing,
     plan: &drawing_grid::DrawingGrid,
-    smooth_edges: SmoothEdges,
+    conventions: Conventions,
     scale: f64,
 ) -> Result<Solutions> {
     let cells = cells::Cells::new(plan)?;
     let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
-    let preferred = [
-        preference::round_candidates(&cells),
-        preference::undrawn_faces(&cells),
-        preference::preferences(&cells),
-    ]
-    .concat();
-    let found = search::search(&cells, &sight_tests, smooth_edges, &preferred, MAX_SOLUTIONS, |assignment| {
-        let solution = match solution(&cells, assignment, scale) {
-            Ok(solution) => solution,
-            Err(rejected) => {
-                solutions.rejected.push(rejected);
+    let found = search::search(
+        &cells,
+        &sight_tests,
+        conventions,
+        &preference::Preferences::of_cells(&cells),
+        MAX_SOLUTIONS,
+        |assignment, regularity| {
+            if !search::seconds_share_faces(assignment, &sight_tests) {
                 return Vec::new();
             }
-        };
-        // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
-        // this, because samples miss small cells; measures alone do not, because a hole may be in two
-        // places with the same volume, area and centroid. Both are required.
-        for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
-            let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
-            let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
-            let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
-            if by_slivers || same.has_vertices_of(&solution) {
-                // Keep the solution with the fewest faces and edges.
-                if solution.compared(same).is_lt() {
-                    (*first, *same) = (assignment.clone(), solution);
+            let solution = match solution(&cells, assignment, scale) {
+                Ok(solution) => Solution { regularity, ..solution },
+                Err(rejected) => {
+                    solutions.rejected.push(rejected);
+                    return Vec::new();
                 }
-                return if by_slivers { between } else { Vec::new() };
+            };
+            // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
+            // this, because samples miss small cells; measures alone do not, because a hole may be in two
+            // places with the same volume, area and centroid. Both are required.
+            for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
+                let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
+                let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
+                let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
+                if by_slivers || same.has_vertices_of(&solution) {
+                    // Keep the solution with the fewest faces and edges.
+                    if solution.compared(same).is_lt() {
+                        (*first, *same) = (assignment.clone(), solution);
+                    }
+                    return if by_slivers { between } else { Vec::new() };
+                }
             }
-        }
-        known.push((assignment.clone(), solution));
-        Vec::new()
-    });
+            known.push((assignment.clone(), solution));
+            Vec::new()
+        },
+    );
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
@@ -464,12 +490,21 @@ fn solution(
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
     let does_not_close = |message: String| Rejected { reason: CandidateRejection::DoesNotClose, message };
-    let solid = boundary::boundary(cells, assignment)
-        .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
-        .map_err(|e| does_not_close(e.to_string()))?;
-    // The check accepts a boundary that touches itself, since each part closes; contacts are found
-    // separately.
-    let contacts = solid.contacts(CONTACT_DISTANCE * cells.plan.size);
+    let mut solid = Solid::default();
+    let mut contacts = Vec::new();
+    for state in [CellState::First, CellState::Second] {
+        if !assignment.values().any(|s| *s == state) {
+            continue;
+        }
+        let part = boundary::boundary(cells, assignment, state)
+            .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
+            .map_err(|e| does_not_close(e.to_string()))?;
+        // The check accepts a boundary that touches itself, since each part closes; contacts are found
+        // separately. Bodies of different states may share faces.
+        contacts.extend(part.contacts(CONTACT_DISTANCE * cells.plan.size));
+        solid.append(part);
+    }
+    contacts.sort_by_key(|contact| !contact.is_between_bodies);
     let touches = contacts.first().map(|contact| {
         let what = match (contact.is_between_bodies, contact.is_line) {
             (true, true) => "two bodies only touch along a line through",
@@ -493,10 +528,11 @@ fn solution(
     }
     Ok(Solution {
         // Any solid of one body is preferred to two bodies, whatever its number of faces.
-        cost: solid.faces.len() as f64 + 1000.0 * solid.bodies().len().saturating_sub(1) as f64,
+        cost: solid.faces.len() as f64 + COST_OF_BODY * solid.bodies().len().saturating_sub(1) as f64,
         solid,
         measures,
         bodies_touch: contacts.first().is_some_and(|c| c.is_between_bodies),
+        regularity: Regularity::Any,
         touches,
     })
 }

@@ -11,7 +11,7 @@ use super::cells::{Cells, is_plain, pieces_in};
 use super::column::SurfaceId;
 use super::edge_splines::{SPLINE_PIECES, TRACED_PIECES, spline, traced_spline};
 use super::rings::faces;
-use super::search::Assignment;
+use super::search::{Assignment, CellState};
 use super::surfaces::Curve3;
 use super::turned_rings::{turned_faces, with_free_poles};
 use crate::brep::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, unit};
@@ -24,6 +24,7 @@ use std::f64::consts::{PI, TAU};
 pub(super) struct BoundaryBuilder<'a> {
     pub(super) cells: &'a Cells<'a>,
     assignment: &'a Assignment,
+    state: CellState,
     pub(super) surfaces: Vec<Candidate>,
     pub(super) solid: Solid,
     /// Coedges by surface, and by whether the face's outward normal is the surface's normal.
@@ -34,14 +35,15 @@ pub(super) struct BoundaryBuilder<'a> {
     pub(super) tolerance: f64,
 }
 
-/// Builds the boundary of the cells that an assignment marks as solid.
+/// Builds the boundary of the cells that have a state.
 ///
 /// # Errors
 /// `Input` if the boundary does not close.
-pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> {
+pub(super) fn boundary(cells: &Cells, assignment: &Assignment, state: CellState) -> Result<Solid> {
     let mut builder = BoundaryBuilder {
         cells,
         assignment,
+        state,
         surfaces: Vec::new(),
         solid: Solid::default(),
         coedges: BTreeMap::new(),
@@ -59,7 +61,7 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> 
 
 impl BoundaryBuilder<'_> {
     pub(super) fn is_solid(&self, p: DVec3) -> bool {
-        self.assignment.get(&self.cells.at(p)).copied().unwrap_or(false)
+        self.assignment.get(&self.cells.at(p)) == Some(&self.state)
     }
 
     /// True if a wall, or a piece other than `but`, is nearer to a point of a box than `near`.
@@ -285,7 +287,10 @@ impl BoundaryBuilder<'_> {
         // By central differences, as curves of all kinds have points but not all have derivatives.
         let h = 1e-4 * (range[1] - range[0]);
         let tangent = unit(curve.point(middle + h) - curve.point(middle - h));
-        let step = 1e-5 * self.cells.plan.size;
+        // A surface that passes beside the curve must not come between the points around it: near a tangent
+        // plane, a cylinder is as close as the square of the distance from the contact.
+        let clear = self.surfaces.iter().map(|s| s.value(m).abs()).filter(|far| *far > 2.0 * self.tolerance);
+        let step = clear.fold(1e-5 * self.cells.plan.size, |step, far| step.min(0.3 * far));
         let halves = self.halves(m, tangent, step);
         let count = halves.len();
         if count < 2 {

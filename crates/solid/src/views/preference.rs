@@ -1,8 +1,13 @@
-//! Preferences of the search: no cylinder where a surface of revolution is in the same box, and no hidden
-//! edge that is not drawn.
+//! Preferences of the search: equal features, no cylinder where a surface of revolution is in the same box,
+//! and no hidden edge that is not drawn.
 //!
 //! A view without hidden lines leaves open where faces end that it does not show. The search first looks for
 //! solids with few such faces: a hole goes through rather than ends at any level of the drawing.
+//!
+//! A row of equal holes has one image in the view along the row, and one of the holes explains it: nine
+//! countersunk holes in three rows may be six dimples and three holes. Output of [`patterns`]: pairs of cells
+//! at the same place of two equal circles of a view. Engineers draw equal circles for equal features, so both
+//! cells first have the same state.
 //!
 //! A half circle above a circle may be half a ball, two crossing cylinders, or either of them in each
 //! quarter. Four domes thus give hundreds of solids, more than the search enumerates. Input: cells. Output:
@@ -11,9 +16,11 @@
 //! used.
 
 use super::cells::{Cells, pieces_in};
+use super::drawing_grid::{ViewGrid, stretches};
 use super::profile::Profile;
 use planish_core::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
 
 /// Positions of samples along a piece and along the line of sight, as shares.
 const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
@@ -33,7 +40,7 @@ pub(crate) struct Preference {
 const MAX_UNDRAWN: usize = 500;
 
 /// A preference for each pair of cells whose common face would have hidden edges that are not drawn.
-pub(crate) fn undrawn_faces(cells: &Cells) -> Vec<Preference> {
+fn undrawn_faces(cells: &Cells) -> Vec<Preference> {
     let pairs = cells.undrawn_faces();
     if pairs.len() <= MAX_UNDRAWN {
         let single: BTreeSet<[u32; 2]> = pairs.into_iter().map(|(.., pair)| pair).collect();
@@ -46,7 +53,7 @@ pub(crate) fn undrawn_faces(cells: &Cells) -> Vec<Preference> {
 
 /// Preferences for round features where a circle is a candidate: beyond the circle, the corners of the square
 /// around it are as what surrounds them. One for each circle and interval along its axis.
-pub(crate) fn round_candidates(cells: &Cells) -> Vec<Preference> {
+fn round_candidates(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     let mut found = Vec::new();
     for shown in plan.views.iter().filter(|view| view.is_candidates) {
@@ -75,8 +82,117 @@ pub(crate) fn round_candidates(cells: &Cells) -> Vec<Preference> {
     found
 }
 
+/// Circles about one centre that are drawn as a whole: the radii, ascending.
+struct Concentric {
+    center: [f64; 2],
+    radii: Vec<f64>,
+}
+
+/// The whole circles of a view by their centres.
+fn concentric_circles(shown: &ViewGrid, tolerance: f64) -> Vec<Concentric> {
+    let mut found: Vec<Concentric> = Vec::new();
+    for carrier in &shown.carriers {
+        let Profile::Circle { center, radius } = carrier.profile else {
+            continue;
+        };
+        let gap = 10.0 * tolerance / radius;
+        let is_whole = stretches(&carrier.runs, gap).iter().any(|s| s[1] - s[0] > TAU - gap);
+        if !is_whole {
+            continue;
+        }
+        match found.iter_mut().find(|c| crate::drawing::distance(c.center, center) < 10.0 * tolerance) {
+            Some(known) => known.radii.push(radius),
+            None => found.push(Concentric { center, radii: vec![radius] }),
+        }
+    }
+    found.iter_mut().for_each(|c| c.radii.sort_by(f64::total_cmp));
+    found
+}
+
+/// Preferences for equal states of the cells within equal circles of a view: one for each pair of
+/// neighbouring circles and each interval of the grid along the line of sight.
+fn patterns(cells: &Cells) -> Vec<Preference> {
+    let plan = cells.plan;
+    let mut found = Vec::new();
+    for shown in &plan.views {
+        let along = shown.kind.axes()[2];
+        let circles = concentric_circles(shown, plan.tolerance);
+        for (index, first) in circles.iter().enumerate() {
+            let equal = |other: &&Concentric| {
+                let near = |(a, b): (&f64, &f64)| (a - b).abs() < 10.0 * plan.tolerance;
+                other.radii.len() == first.radii.len() && other.radii.iter().zip(&first.radii).all(near)
+            };
+            // Each circle is paired with the next equal one only: equality is transitive.
+            let Some(second) = circles[index + 1..].iter().find(equal) else {
+                continue;
+            };
+            for interval in 1..plan.intervals(along) - 1 {
+                let pairs = pairs_within(cells, shown, [first, second], interval);
+                if !pairs.is_empty() {
+                    found.push(Preference { pairs: pairs.into_iter().collect() });
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Cells at the same places within two groups of equal circles, in an interval along the line of sight.
+fn pairs_within(
+    cells: &Cells,
+    shown: &ViewGrid,
+    groups: [&Concentric; 2],
+    interval: usize,
+) -> BTreeSet<[u32; 2]> {
+    // Two angles in each quarter, none of them on a line of symmetry.
+    const ANGLES: usize = 8;
+    let [right, up, along] = shown.kind.axes();
+    let [from, to] = [0, 1].map(|k| cells.plan.grid[along][interval + k]);
+    let mut pairs = BTreeSet::new();
+    for (k, outer) in groups[0].radii.iter().enumerate() {
+        let inner = if k == 0 { 0.0 } else { groups[0].radii[k - 1] };
+        for (s, t) in SHARES.into_iter().flat_map(|s| SHARES.map(|t| (s, t))) {
+            let radius = inner + s * (outer - inner);
+            for turn in 0..ANGLES {
+                let (sin, cos) = (TAU * (turn as f64 + 0.437) / ANGLES as f64).sin_cos();
+                let pair = groups.map(|group| {
+                    let mut p = DVec3::ZERO;
+                    p[right] = group.center[0] + radius * cos;
+                    p[up] = group.center[1] + radius * sin;
+                    p[along] = from + t * (to - from);
+                    cells.at(p)
+                });
+                if pair[0] != pair[1] {
+                    pairs.insert(pair);
+                }
+            }
+        }
+    }
+    pairs
+}
+
+/// All preferences of a search.
+pub(crate) struct Preferences {
+    /// Round features instead of square ones, and few faces with hidden edges that are not drawn.
+    pub(crate) undrawn: Vec<Preference>,
+    /// Equal features.
+    pub(crate) patterns: Vec<Preference>,
+    /// Surfaces of revolution instead of cylinders.
+    pub(crate) surfaces: Vec<Preference>,
+}
+
+impl Preferences {
+    pub(crate) fn of_cells(cells: &Cells) -> Self {
+        Self {
+            undrawn: [round_candidates(cells), undrawn_faces(cells)].concat(),
+            patterns: patterns(cells),
+            surfaces: surfaces(cells),
+        }
+    }
+}
+
 /// A preference for each circle of a view; none if there are no surfaces of revolution.
-pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
+fn surfaces(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     // Oblique walls are not combined with surfaces of revolution, so there is nothing to prefer.
     if plan.walls.is_empty() || plan.has_oblique_walls() {

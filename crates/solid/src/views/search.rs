@@ -5,14 +5,25 @@
 //! the fewest positions first. The lines of these tests are reported as unexplained.
 
 use super::cells::Cells;
-use super::preference::Preference;
+use super::preference::{Preference, Preferences};
 use super::sight::{EdgeSectors, Expected, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
+use planish_core::DisjointSets;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-/// State of each cell: true if solid.
-pub(crate) type Assignment = BTreeMap<u32, bool>;
+/// State of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum CellState {
+    Empty,
+    /// Solid. All bodies are of this state unless some touch along faces.
+    First,
+    /// Solid, and separated from cells of the first state by a face.
+    Second,
+}
+
+/// State of each cell.
+pub(crate) type Assignment = BTreeMap<u32, CellState>;
 
 /// Result of the search.
 pub(crate) struct SearchResult {
@@ -31,6 +42,30 @@ pub(crate) enum SmoothEdges {
     MayBeDrawn,
 }
 
+/// Whether bodies may touch along faces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Bodies {
+    /// Faces separate solid from empty cells only, so that cells that touch belong to one body.
+    Apart,
+    /// Solid cells have one of two states, and faces separate these as well. The bodies are the connected
+    /// parts of each state.
+    MayTouch,
+}
+
+/// How a drawing is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Conventions {
+    pub(crate) smooth_edges: SmoothEdges,
+    pub(crate) bodies: Bodies,
+}
+
+/// Whether the features of an assignment are equal where their circles are, as far as the drawing allows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Regularity {
+    Equal,
+    Any,
+}
+
 /// Translates sight tests into clauses.
 struct Encoder {
     solver: BasicSolver,
@@ -43,14 +78,27 @@ struct Encoder {
     /// A literal that is always true.
     truth: Lit,
     smooth_edges: SmoothEdges,
+    /// For each cell, whether its state is [`CellState::Second`]; `None` if there is no such state.
+    seconds: Option<BTreeMap<u32, Var>>,
+    /// Literals that two cells have different states.
+    differences: HashMap<[u32; 2], Lit>,
 }
 
 impl Encoder {
-    fn new(outside: u32, smooth_edges: SmoothEdges) -> Self {
+    fn new(outside: u32, conventions: Conventions) -> Self {
         let mut solver = BasicSolver::default();
         let truth = Lit::new(solver.new_var_default(), true);
         solver.add_clause_reuse(&mut vec![truth]);
-        Self { solver, outside, cells: BTreeMap::new(), events: HashMap::new(), truth, smooth_edges }
+        Self {
+            solver,
+            outside,
+            cells: BTreeMap::new(),
+            events: HashMap::new(),
+            truth,
+            smooth_edges: conventions.smooth_edges,
+            seconds: (conventions.bodies == Bodies::MayTouch).then(BTreeMap::new),
+            differences: HashMap::new(),
+        }
     }
 
     fn fresh(&mut self) -> Lit {
@@ -65,6 +113,48 @@ impl Encoder {
         let solver = &mut self.solver;
         // The initial phase makes the solver try cells as empty first, which prefers small solids.
         Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(lbool::TRUE, true)), true)
+    }
+
+    /// The literal that the state of a cell is [`CellState::Second`].
+    fn second(&mut self, cell: u32) -> Lit {
+        let solid = self.solid(cell);
+        let Some(seconds) = self.seconds.as_mut().filter(|_| cell != self.outside) else {
+            return !self.truth;
+        };
+        if let Some(known) = seconds.get(&cell) {
+            return Lit::new(*known, true);
+        }
+        let variable = self.solver.new_var(lbool::TRUE, true);
+        seconds.insert(cell, variable);
+        let second = Lit::new(variable, true);
+        self.clause(vec![!second, solid]);
+        second
+    }
+
+    /// The literal that two cells have different states.
+    fn differ(&mut self, a: u32, b: u32) -> Lit {
+        if a == b {
+            return !self.truth;
+        }
+        let key = [a.min(b), a.max(b)];
+        if let Some(known) = self.differences.get(&key) {
+            return *known;
+        }
+        let differ = self.fresh();
+        let [solids, seconds] = [[self.solid(a), self.solid(b)], [self.second(a), self.second(b)]];
+        for [p, q] in [solids, seconds] {
+            self.clause(vec![differ, !p, q]);
+            self.clause(vec![differ, p, !q]);
+        }
+        for (solid, second) in [(true, true), (true, false), (false, false)] {
+            let mut clause = vec![!differ];
+            // Not all four literals may have these values.
+            clause.extend(solids.map(|l| if solid { !l } else { l }));
+            clause.extend(seconds.map(|l| if second { !l } else { l }));
+            self.clause(clause);
+        }
+        self.differences.insert(key, differ);
+        differ
     }
 
     fn clause(&mut self, mut literals: Vec<Lit>) {
@@ -83,10 +173,20 @@ impl Encoder {
         if let Some(event) = self.events.get(&key) {
             return *event;
         }
-        // One clause for each state of the distinct cells: a truth table. Sectors around a line are few, so
-        // the table is small. States that drawing conventions treat differently get no clause, so the event
-        // is free there.
         let event = self.fresh();
+        match self.seconds.is_some() {
+            true => self.define_by_faces(event, group, smooth_edges),
+            false => self.define_by_cells(event, group, smooth_edges),
+        }
+        self.events.insert(key, event);
+        event
+    }
+
+    /// Adds one clause for each state of the distinct cells: a truth table.
+    ///
+    /// Sectors around a line are few, so the table is small. States that drawing conventions treat
+    /// differently get no clause, so the event is free there.
+    fn define_by_cells(&mut self, event: Lit, group: &EdgeSectors, smooth_edges: SmoothEdges) {
         // Several sectors may belong to one cell, which has one state.
         let mut distinct: Vec<u32> = group.sectors.clone();
         distinct.sort_unstable();
@@ -99,15 +199,37 @@ impl Encoder {
             let mut clause: Vec<Lit> = (0..distinct.len())
                 .map(|k| if states >> k & 1 == 1 { !literals[k] } else { literals[k] })
                 .collect();
-            match edge(group, smooth_edges, state) {
+            let n = group.sectors.len();
+            let differ = |h: usize| state(group.sectors[h]) != state(group.sectors[(h + 1) % n]);
+            match edge(group, smooth_edges, differ) {
                 Some(true) => clause.push(event),
                 Some(false) => clause.push(!event),
                 None => continue,
             }
             self.clause(clause);
         }
-        self.events.insert(key, event);
-        event
+    }
+
+    /// Adds one clause for each set of half-surfaces that may belong to the boundary.
+    ///
+    /// With three states of a cell, this table is smaller than that of all states.
+    fn define_by_faces(&mut self, event: Lit, group: &EdgeSectors, smooth_edges: SmoothEdges) {
+        let n = group.sectors.len();
+        let differ: Vec<Lit> =
+            (0..n).map(|h| self.differ(group.sectors[h], group.sectors[(h + 1) % n])).collect();
+        // Half-surfaces within one cell are never on the boundary.
+        let open: Vec<usize> = (0..n).filter(|&h| differ[h] != !self.truth).collect();
+        for states in 0..1_u32 << open.len().min(12) {
+            let is_on = |h: usize| open.iter().position(|o| *o == h).is_some_and(|k| states >> k & 1 == 1);
+            let mut clause: Vec<Lit> =
+                open.iter().map(|&h| if is_on(h) { !differ[h] } else { differ[h] }).collect();
+            match edge(group, smooth_edges, is_on) {
+                Some(true) => clause.push(event),
+                Some(false) => clause.push(!event),
+                None => continue,
+            }
+            self.clause(clause);
+        }
     }
 
     /// Adds the clauses of a sight test, which hold while its switch is on.
@@ -222,17 +344,48 @@ impl Encoder {
     }
 
     fn assignment(&self) -> Assignment {
-        self.cells.iter().map(|(cell, var)| (*cell, self.solver.value_var(*var) == lbool::TRUE)).collect()
+        let is_true = |var: &Var| self.solver.value_var(*var) == lbool::TRUE;
+        let is_second = |cell: &u32| self.seconds.as_ref().and_then(|s| s.get(cell)).is_some_and(is_true);
+        let state = |(cell, var): (&u32, &Var)| match (is_true(var), is_second(cell)) {
+            (false, _) => (*cell, CellState::Empty),
+            (true, false) => (*cell, CellState::First),
+            (true, true) => (*cell, CellState::Second),
+        };
+        self.cells.iter().map(state).collect()
+    }
+
+    /// Excludes an assignment, except for the state of some cells. Returns false if no cell is left.
+    fn exclude(&mut self, assignment: &Assignment, undetermined: &HashSet<u32>) -> bool {
+        let cells: Vec<(u32, CellState)> =
+            assignment.iter().filter(|(c, _)| !undetermined.contains(c)).map(|(c, s)| (*c, *s)).collect();
+        let has_seconds = cells.iter().any(|c| c.1 == CellState::Second);
+        // Exchanging both states of solid cells gives the same bodies.
+        for exchanged in [false, true].into_iter().take(1 + usize::from(has_seconds)) {
+            let mut clause = Vec::new();
+            for &(cell, state) in &cells {
+                let solid = self.solid(cell);
+                if state == CellState::Empty {
+                    clause.push(solid);
+                    continue;
+                }
+                clause.push(!solid);
+                if self.seconds.is_some() {
+                    let second = self.second(cell);
+                    let is_second = (state == CellState::Second) != exchanged;
+                    clause.push(if is_second { !second } else { second });
+                }
+            }
+            self.clause(clause);
+        }
+        !cells.is_empty()
     }
 }
 
-/// True if the sectors form an edge for given cell states; `None` if drawing conventions differ.
-fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
-    let n = group.sectors.len();
-    // Half-surfaces between sectors of different states belong to the boundary. Two that continue each other
-    // are no edge; all other pairs are one.
-    let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
-    let boundary: Vec<u8> = (0..n).filter(|&h| states[h] != states[(h + 1) % n]).map(|h| h as u8).collect();
+/// True if the sectors form an edge, by the half-surfaces that belong to the boundary because the sectors
+/// before and behind them differ; `None` if drawing conventions differ.
+fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, differ: impl Fn(usize) -> bool) -> Option<bool> {
+    // Two half-surfaces that continue each other are no edge; all other pairs are one.
+    let boundary: Vec<u8> = (0..group.sectors.len()).filter(|&h| differ(h)).map(|h| h as u8).collect();
     match boundary[..] {
         [] => Some(false),
         [a, b] if group.smooth.contains(&[a, b]) => {
@@ -261,22 +414,47 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     })
 }
 
+/// True if each connected part of the second state shares a face with one of the first.
+///
+/// A part without such a face might as well have the first state. It is a body apart from all others, which
+/// another assignment has, or it only touches one along a line.
+pub(crate) fn seconds_share_faces(assignment: &Assignment, sight_tests: &SightTests) -> bool {
+    let second: Vec<u32> =
+        assignment.iter().filter(|(_, s)| **s == CellState::Second).map(|(cell, _)| *cell).collect();
+    let mut parts = DisjointSets::new(second.len());
+    let mut touched = Vec::new();
+    // Neighbouring sectors of a ring share a face.
+    for group in sight_tests.tests.iter().flat_map(|(test, _)| &test.groups) {
+        for (k, a) in group.sectors.iter().enumerate() {
+            let b = &group.sectors[(k + 1) % group.sectors.len()];
+            match (second.binary_search(a), second.binary_search(b)) {
+                (Ok(a), Ok(b)) => drop(parts.join(a as u32, b as u32)),
+                (Ok(at), Err(_)) if assignment.get(b) == Some(&CellState::First) => touched.push(at as u32),
+                (Err(_), Ok(at)) if assignment.get(a) == Some(&CellState::First) => touched.push(at as u32),
+                _ => {}
+            }
+        }
+    }
+    let touched: HashSet<u32> = touched.into_iter().map(|at| parts.root(at)).collect();
+    (0..second.len() as u32).all(|at| touched.contains(&parts.root(at)))
+}
+
 /// Enumerates assignments and passes each to `accept`, up to a maximum number.
 ///
 /// `accept` returns cells whose state makes no difference; assignments that differ only in these are skipped.
-/// Assignments that satisfy the compatible preferences come first.
+/// Assignments that satisfy the compatible preferences come first; the regularity states which these are.
 pub(crate) fn search(
     cells: &Cells,
     sight_tests: &SightTests,
-    smooth_edges: SmoothEdges,
-    preferences: &[Preference],
+    conventions: Conventions,
+    preferences: &Preferences,
     limit: usize,
-    mut accept: impl FnMut(&Assignment) -> Vec<u32>,
+    mut accept: impl FnMut(&Assignment, Regularity) -> Vec<u32>,
 ) -> SearchResult {
     let outside = cells.outside();
     // Each test has a switch. Assumed switches keep its clauses active, and the core of a contradiction then
     // names the tests that contradict each other.
-    let mut encoder = Encoder::new(outside, smooth_edges);
+    let mut encoder = Encoder::new(outside, conventions);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
     for (index, (sight_test, _)) in sight_tests.tests.iter().enumerate() {
         let switch = encoder.fresh();
@@ -308,32 +486,31 @@ pub(crate) fn search(
     if !unexplained.is_empty() {
         return SearchResult { complete: true, unexplained };
     }
-    let preferred: Vec<Lit> = preferences.iter().map(|p| encoder.prefer(p)).collect();
+    let mut preferred: Vec<Lit> = preferences.undrawn.iter().map(|p| encoder.prefer(p)).collect();
+    let patterns: Vec<Lit> = preferences.patterns.iter().map(|p| encoder.prefer(p)).collect();
+    preferred.extend(&patterns);
+    preferred.extend(preferences.surfaces.iter().map(|p| encoder.prefer(p)));
+    // As few cells as possible are separated from others.
+    preferred.extend(encoder.seconds.iter().flatten().map(|(_, second)| Lit::new(*second, false)));
     let mut assumed = encoder.first_choice(&on, preferred);
     let mut undetermined: HashSet<u32> = HashSet::new();
+    let mut regularity = match patterns.iter().any(|p| assumed.contains(p)) {
+        true => Regularity::Equal,
+        false => Regularity::Any,
+    };
     let mut count = 0;
     loop {
         count += 1;
         let assignment = encoder.assignment();
-        undetermined.extend(accept(&assignment));
-        // Blocks this assignment. Without the indifferent cells the clause also blocks all assignments that
-        // differ only in these; otherwise n slivers would give 2^n copies of one solid.
-        let block: Vec<Lit> = assignment
-            .iter()
-            .filter(|(cell, _)| !undetermined.contains(cell))
-            .map(|(cell, solid)| {
-                let literal = Lit::new(encoder.cells[cell], true);
-                if *solid { !literal } else { literal }
-            })
-            .collect();
-        let continues = count < limit && !block.is_empty();
-        if !block.is_empty() {
-            encoder.clause(block);
-        }
+        undetermined.extend(accept(&assignment, regularity));
+        // Without the indifferent cells, all assignments that differ only in these are excluded as well.
+        // Otherwise n slivers would give 2^n copies of one solid.
+        let continues = encoder.exclude(&assignment, &undetermined) && count < limit;
         let mut is_found = continues && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
         if continues && !is_found && assumed.len() > on.len() {
             // The preferred assignments are exhausted; continue without preferences.
             assumed.clone_from(&on);
+            regularity = Regularity::Any;
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
         }
         if !is_found {

@@ -50,6 +50,37 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
 }
 
 #[test]
+fn a_hole_drawn_as_an_inaccurate_spline_is_exact() {
+    let mut drawing = box_with_hole();
+    let point = |k: usize| {
+        let angle = TAU * k as f64 / 160.0;
+        let radius = 6.0 * (1.0 + 3e-5 * (5.0 * angle).cos());
+        [20.0 + radius * angle.cos(), 15.0 + radius * angle.sin()]
+    };
+    let hole = drawing.views[1].curves.last_mut().unwrap();
+    hole.curve = Curve2::Chain((0..=160).map(point).collect());
+    let found = solve(&drawing).unwrap();
+    let [only] = &found.solutions[..] else { panic!("{:?}", found.unexplained) };
+    assert!((only.measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8, "{}", only.measures.volume);
+}
+
+#[test]
+fn only_a_fragment_that_lies_on_another_line_is_dropped() {
+    // Open Cascade leaves such lines at most cross holes.
+    let is_kept = |a, b| {
+        let mut drawing = box_with_hole();
+        let front = &mut drawing.views[0].curves;
+        front.push(segment(a, b, LineStyle::Visible));
+        let count = front.len();
+        tidy::tidied(&drawing).views[0].curves.len() == count
+    };
+    assert!(!is_kept([14.0, 3.0], [14.00001, 3.005]));
+    assert!(is_kept([10.0, 3.0], [10.00001, 3.005]));
+    // A short piece of a line begins where its neighbour ends.
+    assert!(is_kept([40.0, 20.0], [40.005, 20.0]));
+}
+
+#[test]
 fn unexplained_hidden_line_is_reported_by_name() {
     let mut drawing = box_with_hole();
     let mut stray = segment([5.0, 0.0], [5.0, 20.0], LineStyle::Hidden);

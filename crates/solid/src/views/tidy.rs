@@ -5,9 +5,14 @@
 //! outlines are cut at every crossing. A circle fitted to a short piece has a wrong centre, although the
 //! piece itself is in the right place.
 //!
-//! Limits: ellipses and splines are not changed.
+//! Splines and polygons along a circle become arcs of it: the edge of a hole through a curved face is a
+//! spline, and so is its image along the axis of the hole. Fragments that lie on a longer curve are removed;
+//! Open Cascade leaves one at most cross holes and keyways.
+//!
+//! Limits: ellipses and other splines are not changed.
 
-use crate::drawing::{Curve2, Drawing, DrawnCurve, View, distance};
+use crate::drawing::{Curve2, Drawing, DrawnCurve, View, distance, nearest_on_curve};
+use planish_contour::planar::circle_of_points;
 use std::f64::consts::TAU;
 
 /// Maximum distance of an arc from a circle to which it belongs, relative to the size of the drawing.
@@ -36,6 +41,20 @@ const ROUND: f64 = 5e-8;
 /// Absolute part of the distance, for coordinates written with six decimals.
 const ROUND_LENGTH: f64 = 4e-6;
 
+/// Maximum distance of a spline from its circle, relative to the height of the curve above its chord.
+///
+/// Splines of Open Cascade along circles are off by 2e-6 to 7e-5 of it; the intersection curves of two
+/// cylinders that are nearest to arcs by 5e-4 and more (41 parts of a generator).
+const MAX_CIRCLE_ERROR: f64 = 1e-4;
+/// Minimum sweep of a spline that defines a circle, in radians. Shorter ones fit conics as well.
+const MIN_CIRCLE_SWEEP: f64 = 0.5;
+/// Maximum length of a fragment that is removed where it lies on a longer curve, relative to the size.
+///
+/// Fragments of Open Cascade had 3e-6 to 8e-5 of the size. A larger value could remove a change of style.
+const MAX_FRAGMENT: f64 = 2e-4;
+/// Error of coordinates with six decimals, and of the square roots of them.
+const STATED_ROUNDING: f64 = 1e-6;
+
 /// A circle.
 #[derive(Clone, Copy)]
 struct Circle {
@@ -60,26 +79,67 @@ impl Circle {
         Curve2::Arc { center: self.center, radius: self.radius, start, sweep }
     }
 
-    /// The circle with a round centre and radius, or one tangent to straight lines of all views, if the
-    /// points allow it; else the circle itself.
-    fn regularised(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
-        let round = |step: f64| Self {
-            center: self.center.map(|v| (v / step).round() * step),
-            radius: (self.radius / step).round() * step,
-        };
+    /// The circle with a round centre and radius, one tangent to straight lines of all views, or one about
+    /// the centre of a longer arc, if the points allow it; else the circle itself.
+    fn regularised(self, points: &[[f64; 2]], lines: [&[f64]; 2], longer: &[Self], size: f64) -> Self {
         let far = MAX_ROUNDING * size;
         // Designed values first, then tangents of lines, then values with more decimals, which are weaker
         // evidence and must fit better.
         let candidates = [
-            (Some(round(1e-2)), far),
+            (Some(self.rounded(1e-2)), far),
             (self.between(lines, far), far),
-            (Some(round(1e-4)), ROUND * size + ROUND_LENGTH),
+            (self.concentric(points, longer, size), ROUND * size + ROUND_LENGTH),
+            (Some(self.rounded(1e-4)).filter(|c| self.may_be(c, points, size)), ROUND * size + ROUND_LENGTH),
         ];
         candidates
             .into_iter()
             .filter_map(|(circle, within)| Some((circle?, within)))
             .find(|(c, within)| c.radius > 0.0 && points.iter().all(|p| c.off(*p) <= *within))
             .map_or(self, |(c, _)| c)
+    }
+
+    /// The circle about the nearest centre of a longer arc that the points allow.
+    fn concentric(&self, points: &[[f64; 2]], longer: &[Self], size: f64) -> Option<Self> {
+        let off = |c: &Self| distance(c.center, self.center);
+        let nearest = longer.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        let about = Self { center: nearest.center, radius: self.radius };
+        self.may_be(&about, points, size).then_some(about)
+    }
+
+    /// True if a circle fits the points of an arc as well as this one, for points with six decimals.
+    ///
+    /// A long arc determines its centre nearly as well as its points; a short one does not. Without this,
+    /// every sixth arbitrary coordinate would be near enough to one with four decimals.
+    fn may_be(&self, other: &Self, points: &[[f64; 2]], size: f64) -> bool {
+        let [first, middle, last] = [0, points.len() / 2, points.len() - 1].map(|k| points[k]);
+        let height = distance(middle, [0, 1].map(|k| (first[k] + last[k]) / 2.0)).min(self.radius);
+        let moved = distance(other.center, self.center).max((other.radius - self.radius).abs());
+        moved * height <= self.radius * (ROUND * size / 10.0 + STATED_ROUNDING)
+    }
+
+    /// The circle that a spline approximates: tangent to lines, about a known centre, or with round values.
+    ///
+    /// `None` if there is none and the centre of the spline is too inaccurate for the search.
+    fn designed(self, off: f64, lines: [&[f64]; 2], known: &[Self], size: f64) -> Option<Self> {
+        // The errors of many points along a circle cancel in its centre and radius: of 20 splines, these were
+        // off by at most a fifth of the points.
+        let within = (off / 4.0).max(MAX_ROUNDING * size);
+        let near = |c: &Self| distance(c.center, self.center).max((c.radius - self.radius).abs()) <= within;
+        let about = |c: &Self| Self { center: c.center, radius: self.radius };
+        let tangent = self.between(lines, within).filter(near);
+        let [coarse, fine] = [1e-2, 1e-4].map(|step| self.rounded(step));
+        let round = (within < 1e-3).then_some(coarse).filter(near);
+        let concentric = known.iter().map(about).find(near).map(|c| Self { radius: fine.radius, ..c });
+        let designed = tangent.or(round).or(concentric.filter(near));
+        designed.or((off <= MAX_ROUNDING * size).then_some(self))
+    }
+
+    /// The circle with centre and radius at multiples of a step.
+    fn rounded(self, step: f64) -> Self {
+        Self {
+            center: self.center.map(|v| (v / step).round() * step),
+            radius: (self.radius / step).round() * step,
+        }
     }
 
     /// The circle whose extremes are coordinates of lines, along both axes if both have such lines.
@@ -168,13 +228,14 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
                 continue;
             }
             None => {
-                let circle = Circle { center, radius }.regularised(&points, lines, size);
+                let circle = Circle { center, radius }.regularised(&points, lines, &circles, size);
                 circles.push(circle);
                 circle
             }
         };
         curves[index].curve = circle.arc(points[0], points[points.len() - 1], sweep >= TAU - 1e-9);
     }
+    along_circles(&mut curves, &mut circles, lines, size);
     for drawn in &mut curves {
         let Curve2::Segment(a, b) = drawn.curve else {
             continue;
@@ -192,5 +253,92 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
         }
     }
     curves.retain(|c: &DrawnCurve| c.curve.length() > MIN_LENGTH * size);
-    View { curves, ..view.clone() }
+    View { curves: without_fragments(curves, size), ..view.clone() }
+}
+
+/// Replaces splines and polygons along circles by arcs, and adds their circles.
+fn along_circles(curves: &mut [DrawnCurve], circles: &mut Vec<Circle>, lines: [&[f64]; 2], size: f64) {
+    let mut found: Vec<(f64, usize, Circle)> = curves
+        .iter()
+        .enumerate()
+        .filter_map(|(index, drawn)| match &drawn.curve {
+            Curve2::Chain(points) => fitted(points).map(|(circle, sweep)| (sweep, index, circle)),
+            _ => None,
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    for (_, index, circle) in found {
+        let points = curves[index].curve.points();
+        let off = points.iter().map(|p| circle.off(*p)).fold(0.0, f64::max);
+        let on = |c: &&Circle| points.iter().all(|p| c.off(*p) <= (2.0 * off).max(ON_CIRCLE * size));
+        let circle = match circles.iter().find(on) {
+            Some(known) => *known,
+            None => {
+                let Some(exact) = circle.designed(off, lines, circles, size) else {
+                    continue;
+                };
+                circles.push(exact);
+                exact
+            }
+        };
+        let (first, last) = (points[0], points[points.len() - 1]);
+        let closed = distance(first, last) <= (2.0 * off).max(MAX_ROUNDING * size);
+        // The direction of the points decides which of the two arcs between their ends is meant.
+        let forward = turned(&points) > 0.0;
+        curves[index].curve = match forward {
+            true => circle.arc(first, last, closed),
+            false => circle.arc(last, first, closed),
+        };
+    }
+}
+
+/// Twice the area between a polygon and its chord; positive for counter-clockwise points.
+fn turned(points: &[[f64; 2]]) -> f64 {
+    let from = points[0];
+    let cross = |p: &[[f64; 2]]| {
+        let [a, b] = [0, 1].map(|k| [p[k][0] - from[0], p[k][1] - from[1]]);
+        a[0] * b[1] - a[1] * b[0]
+    };
+    points.windows(2).map(cross).sum()
+}
+
+/// The circle through the points of a curve, and its sweep; `None` if they are not on one.
+fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
+    // The corners of a regular polygon lie on a circle as well, but are farther apart than points of splines
+    // and ellipses (at most 0.131 of the radius).
+    const MIN_POINTS: usize = 9;
+    const MAX_CHORD: f64 = 0.14;
+    if points.len() < MIN_POINTS {
+        return None;
+    }
+    let &[x, y, radius] = circle_of_points(points).as_deref()? else {
+        return None;
+    };
+    let circle = Circle { center: [x, y], radius };
+    if points.windows(2).any(|p| distance(p[0], p[1]) > MAX_CHORD * radius) {
+        return None;
+    }
+    let length: f64 = points.windows(2).map(|p| distance(p[0], p[1])).sum();
+    let sweep = length / radius;
+    let height = radius * (1.0 - (sweep.min(TAU) / 2.0).cos());
+    let off = points.iter().map(|p| circle.off(*p)).fold(0.0, f64::max);
+    ((MIN_CIRCLE_SWEEP..TAU + 0.01).contains(&sweep) && off <= MAX_CIRCLE_ERROR * height)
+        .then_some((circle, sweep))
+}
+
+/// The curves without fragments of which every point lies on one longer curve.
+fn without_fragments(curves: Vec<DrawnCurve>, size: f64) -> Vec<DrawnCurve> {
+    let is_fragment = |drawn: &DrawnCurve| {
+        let length = drawn.curve.length();
+        length < MAX_FRAGMENT * size && {
+            let points = drawn.curve.points();
+            // Less than its length: the end of a neighbour is as near as that.
+            let near = (ON_CIRCLE * size).min(length / 10.0);
+            let on = |p: &[f64; 2], c: &Curve2| distance(*p, nearest_on_curve(c, *p)) <= near;
+            let longer = |c: &&DrawnCurve| c.curve.length() > 4.0 * length;
+            curves.iter().filter(longer).any(|c| points.iter().all(|p| on(p, &c.curve)))
+        }
+    };
+    let kept: Vec<bool> = curves.iter().map(|c| !is_fragment(c)).collect();
+    curves.into_iter().zip(kept).filter(|(_, kept)| *kept).map(|(c, _)| c).collect()
 }
