@@ -1,0 +1,85 @@
+use super::*;
+use planish_solid::views::LineStyle;
+use std::f64::consts::{PI, TAU};
+
+const EXACT: Accuracy = Accuracy { position: 1e-3, longest_gap: 13.0 };
+
+fn stroke(curve: Curve2, pen: u32) -> Stroke {
+    Stroke { drawn: DrawnCurve { curve, style: LineStyle::Visible, entity: "path".to_owned() }, pen }
+}
+
+fn arc(start: f64, sweep: f64) -> Curve2 {
+    Curve2::Arc { center: [5.0, 7.0], radius: 10.0, start, sweep }
+}
+
+#[test]
+fn dashes_of_a_circle_become_a_circle() {
+    let step = TAU / 20.0;
+    let dashes: Vec<Stroke> = (0..20).map(|k| stroke(arc(step * k as f64, 0.7 * step), 0)).collect();
+    let (joined, _) = join_dashes(dashes, &EXACT);
+    assert_eq!(joined.len(), 1, "{joined:?}");
+    assert_eq!(joined[0].drawn.curve, arc(0.0, TAU));
+    assert_eq!(joined[0].drawn.style, LineStyle::Hidden);
+}
+
+#[test]
+fn dashes_of_an_arc_are_extended_to_the_line_at_its_end() {
+    // The last dash ends 0.05 rad before the end of the arc.
+    let dashes = (0..6).map(|k| stroke(arc(0.3 * k as f64, 0.2), 0));
+    let end = 1.75_f64;
+    let at = |r: f64| [5.0 + r * end.cos(), 7.0 + r * end.sin()];
+    let strokes: Vec<Stroke> = dashes.chain([stroke(Curve2::Segment(at(10.0), at(20.0)), 0)]).collect();
+    let (joined, _) = join_dashes(strokes, &EXACT);
+    let Curve2::Arc { start, sweep, .. } = joined[0].drawn.curve else { panic!() };
+    assert!((start % TAU).abs() < 1e-9 && (sweep - end).abs() < 1e-9, "{start} {sweep}");
+}
+
+#[test]
+fn two_dashes_are_a_line_only_with_the_gap_of_their_pen() {
+    let dash = |x: f64, y: f64, length: f64, pen| stroke(Curve2::Segment([x, y], [x + length, y]), pen);
+    let long = (0..5).map(|k| dash(4.0 * k as f64, 0.0, 3.0, 1));
+    let rows =
+        [dash(0.0, 5.0, 3.0, 1), dash(4.0, 5.0, 1.0, 1), dash(0.0, 9.0, 3.0, 2), dash(4.0, 9.0, 1.0, 2)];
+    let (joined, _) = join_dashes(long.chain(rows).collect(), &EXACT);
+    let styles: Vec<_> = joined.iter().map(|s| s.drawn.style).collect();
+    assert_eq!(styles, [LineStyle::Hidden, LineStyle::Hidden, LineStyle::Visible, LineStyle::Visible]);
+}
+
+#[test]
+fn a_pen_of_dashes_draws_short_hidden_lines() {
+    let dash = |x: f64, y: f64, length: f64| stroke(Curve2::Segment([x, y], [x + length, y]), 1);
+    let row = || (0..5).map(|k| dash(4.0 * k as f64, 0.0, 3.0));
+    let (joined, _) = join_dashes(row().chain([dash(0.0, 5.0, 2.0)]).collect(), &EXACT);
+    assert!(joined.iter().all(|s| s.drawn.style == LineStyle::Hidden));
+    // A pen that also draws a long line draws visible lines.
+    let (joined, _) = join_dashes(row().chain([dash(0.0, 5.0, 2.0), dash(0.0, 9.0, 8.0)]).collect(), &EXACT);
+    assert_eq!(joined.iter().filter(|s| s.drawn.style == LineStyle::Hidden).count(), 1);
+}
+
+#[test]
+fn short_lines_along_an_ellipse_become_a_chain() {
+    let at = |k: usize| {
+        let (sin, cos) = (PI * k as f64 / 40.0).sin_cos();
+        [20.0 * cos, 5.0 * sin]
+    };
+    let lines: Vec<Stroke> = (0..40).map(|k| stroke(Curve2::Segment(at(k), at(k + 1)), 0)).collect();
+    let turns: Vec<f64> = lines.windows(2).map(|_| 0.0).collect();
+    assert_eq!(turns.len(), 39);
+    let joined = smoothed(lines, &EXACT);
+    let points: usize = joined.iter().map(|s| s.drawn.curve.points().len()).sum();
+    assert!(joined.len() <= 3 && points >= 40, "{joined:?}");
+    assert!(joined.iter().all(|s| !matches!(s.drawn.curve, Curve2::Arc { .. })));
+}
+
+#[test]
+fn rows_of_oblique_edges_with_corners_are_no_hatch() {
+    // A saw: parallel flanks at one distance, each with corners.
+    let mut saw = Vec::new();
+    for k in 0..8 {
+        let x = 3.0 * k as f64;
+        saw.push(stroke(Curve2::Segment([x, 0.0], [x + 3.0, 3.0]), 0));
+        saw.push(stroke(Curve2::Segment([x + 3.0, 3.0], [x + 3.0, 0.0]), 0));
+    }
+    let (left, count, boxes) = take_hatching(saw, &EXACT);
+    assert_eq!((left.len(), count, boxes.len()), (16, 0, 0));
+}
