@@ -176,7 +176,7 @@ class WithTexts(Frontend):
             words, height = entity.plain_text(), entity.dxf.height
             angle, place = entity.dxf.rotation, entity.get_placement()[1]
         for k, line in enumerate(words.split("\n")):
-            self.designer.backend.page.text((place.x, place.y - 1.5 * k * height), line, height, angle)
+            self.page.text((place.x, place.y - 1.5 * k * height), line, height, angle)
 
     draw_mtext_entity = draw_text_entity
 
@@ -188,7 +188,9 @@ def native(doc, path, page_type):
     page = page_type(path, box.extmin, box.extmax)
     page.begin()
     settings = config.Configuration(line_policy=config.LinePolicy.SOLID)
-    WithTexts(RenderContext(doc), Plotter(page), config=settings).draw_layout(doc.modelspace())
+    frontend = WithTexts(RenderContext(doc), Plotter(page), config=settings)
+    frontend.page = page
+    frontend.draw_layout(doc.modelspace())
     page.end()
 
 

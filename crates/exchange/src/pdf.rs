@@ -27,7 +27,7 @@ mod text;
 use crate::Unit;
 use crate::dxf::DxfDrawing;
 use crate::source::read_file;
-use crate::strokes::{Accuracy, Stroke, join_dashes, smoothed, take_hatching};
+use crate::strokes::{Accuracy, Stroke, join_dashes, share_centres, smoothed, take_hatching};
 use content::{Drawn, Painter};
 use file::PdfFile;
 use planish_core::{Finding, FindingCode};
@@ -87,8 +87,11 @@ fn read(bytes: &[u8]) -> Result<DxfDrawing> {
 fn drawing_of(drawn: Drawn) -> DxfDrawing {
     let rounding = rounding(&drawn);
     // Arcs of a curve meet within the accuracy of the Bézier curves, whatever the digits.
-    let accuracy =
-        Accuracy { position: (2.0 * rounding).max(CAIRO_STEP * drawn.unit), longest_gap: LONGEST_GAP };
+    let accuracy = Accuracy {
+        rounding,
+        position: (2.0 * rounding).max(CAIRO_STEP * drawn.unit),
+        longest_gap: LONGEST_GAP,
+    };
     let mut drawing = DxfDrawing { unit: Some(Unit::Millimetre), ..DxfDrawing::default() };
     let ignore = |drawing: &mut DxfDrawing, kind: &str, count: usize, first: &str| {
         if count > 0 {
@@ -104,7 +107,8 @@ fn drawing_of(drawn: Drawn) -> DxfDrawing {
     let strokes = drawn.curves.into_iter().map(|(drawn, pen)| Stroke { drawn, pen }).collect();
     let (strokes, hatching, hatches) = take_hatching(smoothed(strokes, &accuracy), &accuracy);
     ignore(&mut drawing, "hatching line", hatching, "");
-    let (strokes, centre_lines) = join_dashes(strokes, &accuracy);
+    let (mut strokes, centre_lines) = join_dashes(strokes, &accuracy);
+    share_centres(&mut strokes, &accuracy);
     ignore(&mut drawing, "centre line of single dashes", centre_lines, "");
     let texts = texts_of(drawn.runs);
     ignore(&mut drawing, "text", texts.len(), "");

@@ -3,12 +3,14 @@
 //! Programs and scanners write what is seen: short lines instead of arcs, single dashes instead of dashed
 //! lines, single lines instead of hatches. This module joins them again.
 
+mod centres;
 mod dashes;
 mod hatching;
 mod smoothing;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use centres::share_centres;
 pub(crate) use dashes::join_dashes;
 pub(crate) use hatching::take_hatching;
 pub(crate) use smoothing::smoothed;
@@ -27,7 +29,9 @@ pub(crate) struct Stroke {
 /// How accurate strokes are, in their unit of length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Accuracy {
-    /// Maximum error of a point.
+    /// Maximum error of a coordinate.
+    pub(crate) rounding: f64,
+    /// Maximum distance of points that are the same.
     pub(crate) position: f64,
     /// Maximum gap between two dashes.
     pub(crate) longest_gap: f64,

@@ -30,7 +30,7 @@ use planish_exchange::picture::read_picture;
 use planish_exchange::poses::read_poses;
 use planish_exchange::textured::{TexturedMesh, read_materials, read_textured};
 use planish_exchange::views::read_views;
-use planish_exchange::{FileKind, Unit, extension, read_drawing};
+use planish_exchange::{FileKind, Unit, read_drawing};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

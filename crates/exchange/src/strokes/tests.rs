@@ -2,7 +2,7 @@ use super::*;
 use planish_solid::views::LineStyle;
 use std::f64::consts::{PI, TAU};
 
-const EXACT: Accuracy = Accuracy { position: 1e-3, longest_gap: 13.0 };
+const EXACT: Accuracy = Accuracy { rounding: 2e-5, position: 1e-3, longest_gap: 13.0 };
 
 fn stroke(curve: Curve2, pen: u32) -> Stroke {
     Stroke { drawn: DrawnCurve { curve, style: LineStyle::Visible, entity: "path".to_owned() }, pen }
@@ -63,12 +63,29 @@ fn short_lines_along_an_ellipse_become_a_chain() {
         [20.0 * cos, 5.0 * sin]
     };
     let lines: Vec<Stroke> = (0..40).map(|k| stroke(Curve2::Segment(at(k), at(k + 1)), 0)).collect();
-    let turns: Vec<f64> = lines.windows(2).map(|_| 0.0).collect();
-    assert_eq!(turns.len(), 39);
     let joined = smoothed(lines, &EXACT);
     let points: usize = joined.iter().map(|s| s.drawn.curve.points().len()).sum();
     assert!(joined.len() <= 3 && points >= 40, "{joined:?}");
     assert!(joined.iter().all(|s| !matches!(s.drawn.curve, Curve2::Arc { .. })));
+}
+
+#[test]
+fn a_short_arc_takes_the_centre_of_a_circle_around_which_it_runs() {
+    let circle = Curve2::Arc { center: [5.0, 7.0], radius: 4.0, start: 0.0, sweep: TAU };
+    // An arc of radius 10 around the same centre, known only through its rounded points.
+    let at = |angle: f64| [5.0 + 10.0 * angle.cos(), 7.0 + 10.0 * angle.sin()];
+    let rounded = |p: [f64; 2]| p.map(|c| (c / 4e-5).round() * 4e-5);
+    let [a, b, c] = [0.3, 0.4, 0.5].map(|angle| rounded(at(angle)));
+    let (center, radius) = smoothing::circle_through(a, b, c).unwrap();
+    assert!((radius - 10.0).abs() > 1e-3, "{radius}");
+    let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+    let short = Curve2::Arc { center, radius, start: angle(a), sweep: angle(c) - angle(a) };
+    let elsewhere = Curve2::Arc { center: [5.0, 7.5], radius: 2.0, start: 0.0, sweep: 1.0 };
+    let mut strokes = [short, circle, elsewhere.clone()].map(|c| stroke(c, 0));
+    share_centres(&mut strokes, &EXACT);
+    let Curve2::Arc { center, radius, .. } = strokes[0].drawn.curve else { panic!() };
+    assert!(center == [5.0, 7.0] && (radius - 10.0).abs() < 1e-4, "{center:?} {radius}");
+    assert_eq!(strokes[2].drawn.curve, elsewhere);
 }
 
 #[test]

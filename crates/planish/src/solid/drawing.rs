@@ -12,7 +12,7 @@ use planish_solid::views::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
 };
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Maximum number of lines of one kind that a message names. Others are counted.
 const MAX_NAMED: usize = 3;
@@ -23,9 +23,9 @@ const MEETING_TOLERANCE: f64 = 1e-4;
 /// rounding of files. A larger value would merge distinct lines.
 const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
 
-/// Coordinates that are rounded differ by this many rounding errors at most: those of two lines, each from the
-/// corner of its view.
-const JOINED_ROUNDINGS: f64 = 4.0;
+/// Coordinates that are rounded differ by at most this many rounding errors: two lines, each from the corner of
+/// its view, by 4. The centre of a quarter of a circle has 3.4 times the error of its points.
+const JOINED_ROUNDINGS: f64 = 8.0;
 
 /// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
 /// 0.004 mm to 4e8 mm, and not of 4e9 mm.
