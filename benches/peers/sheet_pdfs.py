@@ -47,7 +47,8 @@ class ReportLab(Page):
             getattr(made, verbs[verb])(*(c for p in points for c in self.at(p)))
         return made
 
-    def stroke(self, commands, width, dashes):
+    def stroke(self, commands, width, dashes, color):
+        self.canvas.setStrokeColorRGB(*color)
         self.canvas.setLineWidth(width * POINT)
         self.canvas.setDash([d * POINT for d in dashes])
         self.canvas.drawPath(self.path_of(commands), stroke=1, fill=0)
@@ -82,8 +83,9 @@ class Cairo(Page):
         for verb, points in commands:
             getattr(self.context, verbs[verb])(*(c for p in points for c in self.at(p)))
 
-    def stroke(self, commands, width, dashes):
+    def stroke(self, commands, width, dashes, color):
         self.path_of(commands)
+        self.context.set_source_rgb(*color)
         self.context.set_line_width(width * POINT)
         self.context.set_dash([d * POINT for d in dashes])
         self.context.stroke()
@@ -111,16 +113,24 @@ class Plotter(Backend):
 
     def __init__(self, page):
         super().__init__()
-        self.page, self.dashes = page, []
+        self.page, self.dashes, self.is_dimension = page, [], False
 
     def enter_entity(self, entity, properties):
         super().enter_entity(entity, properties)
+        self.is_dimension = self.is_dimension or entity.dxftype() == "DIMENSION"
         dashes = [abs(d) for d in getattr(properties, "linetype_pattern", ())]
         # A last gap may be missing.
         self.dashes = dashes[: len(dashes) // 2 * 2]
 
+    def exit_entity(self, entity):
+        super().exit_entity(entity)
+        if entity.dxftype() == "DIMENSION":
+            self.is_dimension = False
+
     def stroke(self, commands, properties):
-        self.page.stroke(commands, properties.lineweight, self.dashes)
+        color = [c / 255 for c in properties.rgb]
+        width = 0.5 if sum(color) == 0 and not self.is_dimension else 0.25
+        self.page.stroke(commands, width, self.dashes, color)
 
     def draw_point(self, pos, properties):
         pass
@@ -187,7 +197,8 @@ def native(doc, path, page_type):
     box = bbox.extents(doc.modelspace(), fast=True)
     page = page_type(path, box.extmin, box.extmax)
     page.begin()
-    settings = config.Configuration(line_policy=config.LinePolicy.SOLID)
+    white = config.BackgroundPolicy.WHITE
+    settings = config.Configuration(line_policy=config.LinePolicy.SOLID, background_policy=white)
     frontend = WithTexts(RenderContext(doc), Plotter(page), config=settings)
     frontend.page = page
     frontend.draw_layout(doc.modelspace())
