@@ -63,10 +63,11 @@ pub fn pdfs() -> Result<Vec<Vec<u8>>> {
         form.len(),
         content.len()
     );
-    let objects = b"1 0 2 18 3 36 <</Pages 2 0 R>>  <</Kids[3 0 R]>>  <</MediaBox[0 0 99 99]/Contents 4 0 R>>";
+    let objects =
+        b"1 0 2 18 3 36 <</Pages 2 0 R>>  <</Kids[3 0 R]>>  <</MediaBox[0 0 99 99]/Contents 4 0 R>>";
     let mut packed = b"%PDF-1.5\n".to_vec();
     for (entries, bytes) in [
-        ("5 0 obj<</Type/ObjStm/N 3/First 15", &objects[..]),
+        ("5 0 obj<</Type/ObjStm/N 3/First 14", &objects[..]),
         ("4 0 obj<</Length 300", content.as_bytes()),
         ("7 0 obj<</Type/XRef/Root 1 0 R", b""),
     ] {

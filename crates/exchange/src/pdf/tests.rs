@@ -155,14 +155,14 @@ fn forms_are_drawn_and_hidden_layers_are_not() {
 #[test]
 fn objects_in_streams_are_found() {
     let content = packed(b"0 0 m 72 0 l S");
-    let objects = b"1 0 2 22 3 42 <</Pages 2 0 R      >> <</Kids [3 0 R]   >> \
+    let objects = b"1 0 2 23 3 44 <</Pages 2 0 R      >> <</Kids [3 0 R]   >> \
         <</MediaBox [0 0 72 72] /Contents 4 0 R>>";
     // First: where the objects begin; offsets are relative to it.
     let objects = packed(objects);
     let mut bytes = b"%PDF-1.5\n".to_vec();
     bytes.extend(
         format!(
-            "5 0 obj <</Type/ObjStm/N 3/First 15/Filter/FlateDecode/Length {}>> stream\r\n",
+            "5 0 obj <</Type/ObjStm/N 3/First 14/Filter/FlateDecode/Length {}>> stream\r\n",
             objects.len()
         )
         .bytes(),

@@ -15,6 +15,10 @@ const MAX_TURN: f64 = 0.21;
 const MIN_LINES: usize = 4;
 /// Maximum ratio of curvatures along an arc.
 const CURVATURE_RATIO: f64 = 1.1;
+/// Ratio of a line that touches an arc to the short lines along it.
+const LONGER: f64 = 2.0;
+/// Maximum distance of points from a circle, relative to the error of coordinates.
+const ON_CIRCLE: f64 = 4.0;
 /// Radii of arcs of one circle differ by less than this share.
 const SAME_RADIUS: f64 = 1e-3;
 
@@ -89,9 +93,15 @@ fn curves_of_run(run: Vec<Stroke>, accuracy: &Accuracy) -> Vec<Stroke> {
         found.push((begin, end, arc_through(&points[begin..=end], accuracy)));
         begin = end;
     }
-    // Without an arc, all of it is one curve of another kind.
-    let is_curve = |arc: &Option<Curve2>| arc.is_some();
-    if !found.iter().any(|(_, _, arc)| is_curve(arc)) {
+    // Beside arcs there are only single lines that touch them, which are longer. Otherwise all of it is one
+    // curve of another kind, and a part of it that is nearly an arc is none.
+    let length = |k: usize| distance(points[k], points[k + 1]);
+    let beside = |k: usize| {
+        let neighbours = [k.checked_sub(1), (k + 2 < points.len()).then_some(k + 1)];
+        neighbours.into_iter().flatten().map(length).fold(0.0, f64::max)
+    };
+    let is_line = |begin: usize, end: usize| end == begin + 1 && length(begin) > LONGER * beside(begin);
+    if !found.iter().all(|(begin, end, arc)| arc.is_some() || is_line(*begin, *end)) {
         let mut one = run[0].clone();
         one.drawn.curve = Curve2::Chain(points);
         return vec![one];
@@ -119,7 +129,7 @@ fn arc_through(points: &[[f64; 2]], accuracy: &Accuracy) -> Option<Curve2> {
     // A closed polygon has its ends in common.
     let third = if distance(first, last) <= accuracy.position { points[points.len() / 4] } else { last };
     let (center, radius) = circle_through(first, middle, third)?;
-    if !points.iter().all(|p| (distance(*p, center) - radius).abs() <= 2.0 * accuracy.position) {
+    if !points.iter().all(|p| (distance(*p, center) - radius).abs() <= ON_CIRCLE * accuracy.rounding) {
         return None;
     }
     let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);

@@ -59,14 +59,30 @@ fn a_pen_of_dashes_draws_short_hidden_lines() {
 #[test]
 fn short_lines_along_an_ellipse_become_a_chain() {
     let at = |k: usize| {
-        let (sin, cos) = (PI * k as f64 / 40.0).sin_cos();
+        let (sin, cos) = (PI * k as f64 / 80.0).sin_cos();
         [20.0 * cos, 5.0 * sin]
     };
-    let lines: Vec<Stroke> = (0..40).map(|k| stroke(Curve2::Segment(at(k), at(k + 1)), 0)).collect();
+    let lines: Vec<Stroke> = (0..80).map(|k| stroke(Curve2::Segment(at(k), at(k + 1)), 0)).collect();
     let joined = smoothed(lines, &EXACT);
-    let points: usize = joined.iter().map(|s| s.drawn.curve.points().len()).sum();
-    assert!(joined.len() <= 3 && points >= 40, "{joined:?}");
-    assert!(joined.iter().all(|s| !matches!(s.drawn.curve, Curve2::Arc { .. })));
+    let [one] = &joined[..] else { panic!("{joined:?}") };
+    assert!(matches!(&one.drawn.curve, Curve2::Chain(points) if points.len() == 81), "{one:?}");
+}
+
+#[test]
+fn lines_that_touch_an_arc_of_short_lines_stay_lines() {
+    let at = |k: usize| {
+        let (sin, cos) = (PI * k as f64 / 40.0).sin_cos();
+        [10.0 * cos, 10.0 * sin]
+    };
+    let arc = (0..20).map(|k| (at(k), at(k + 1)));
+    let lines = [([10.0, -30.0], at(0))].into_iter().chain(arc).chain([(at(20), [-30.0, 10.0])]);
+    let joined = smoothed(lines.map(|(a, b)| stroke(Curve2::Segment(a, b), 0)).collect(), &EXACT);
+    let [first, arc, last] = &joined[..] else { panic!("{joined:?}") };
+    assert!(
+        matches!(first.drawn.curve, Curve2::Segment(..)) && matches!(last.drawn.curve, Curve2::Segment(..))
+    );
+    let Curve2::Arc { radius, sweep, .. } = arc.drawn.curve else { panic!("{arc:?}") };
+    assert!((radius - 10.0).abs() < 1e-9 && (sweep - 0.5 * PI).abs() < 1e-9);
 }
 
 #[test]
