@@ -5,11 +5,13 @@
 //! words of its format in `words`.
 
 mod commands;
+mod pdf_words;
 mod readers;
 mod repairs;
 mod words;
 
 use crate::valid;
+use pdf_words::PDF;
 use planish_estimate::Result;
 use rand_chacha::ChaCha8Rng;
 use readers::*;

@@ -19,6 +19,7 @@ mod content;
 mod dimensions;
 mod file;
 mod filter;
+mod state;
 mod syntax;
 #[cfg(test)]
 mod tests;

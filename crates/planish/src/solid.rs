@@ -39,8 +39,8 @@ use std::path::PathBuf;
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF, SVG or PDF files, or `.json` files of contours, of the front, top and side view, in this order. The
-    /// side view is optional. One drawing may contain all views.
+    /// DXF, SVG or PDF files, or `.json` files of contours, of the front, top and side view, in this order.
+    /// The side view is optional. One drawing may contain all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed; found from the sheet if none is given.
     pub projection: Option<Projection>,
@@ -486,8 +486,8 @@ fn counts(solid: &Solid) -> FaceCounts {
 fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "expected drawings (.dxf, .svg, .pdf) of the front, top and side view, in this order (the side view \
-             is optional), or one file with all of them, found {}",
+            "expected drawings (.dxf, .svg, .pdf) of the front, top and side view, in this order (the side \
+             view is optional), or one file with all of them, found {}",
             job.views.len()
         )));
     }

@@ -477,38 +477,6 @@ pub(super) const DXF: &[&str] = &[
     "\r\n",
 ];
 
-/// PDF keywords and operators.
-pub(super) const PDF: &[&str] = &[
-    " 0 obj",
-    "endobj",
-    " 0 R",
-    "<<",
-    ">>",
-    "stream\n",
-    "endstream",
-    "trailer",
-    "/Length ",
-    "/Filter ",
-    "/FlateDecode",
-    "/ASCII85Decode",
-    "/RunLengthDecode",
-    "/DecodeParms<</Predictor 12/Columns 4>>",
-    "/Kids[",
-    "/Contents ",
-    "/Type/ObjStm",
-    "/XObject",
-    " cm ",
-    " re S ",
-    " c ",
-    " d ",
-    " Do ",
-    " BI ID ",
-    " EI ",
-    "q ",
-    "BT ",
-    " Tj ",
-];
-
 /// SVG elements and path commands.
 pub(super) const SVG: &[&str] = &[
     "<svg>",

@@ -4,6 +4,7 @@
 //! ISO 32000-1:2008, section 8 (graphics), table 51 and the following (operators).
 
 use super::file::{Page, PdfFile, find};
+use super::state::{PathBuilder, State};
 use super::syntax::{Dictionary, Lexer, Object, is_space};
 use super::text::{Font, Run};
 use crate::affine::Affine;
@@ -42,64 +43,6 @@ pub(super) struct Drawn {
     pub(super) decimals: [usize; 8],
     /// Length of a unit of the page in millimetres.
     pub(super) unit: f64,
-}
-
-/// The state that `q` saves.
-#[derive(Clone)]
-struct State {
-    map: Affine,
-    width: f64,
-    dashes: Vec<f64>,
-    color: String,
-    fill: String,
-    is_transparent: bool,
-    clip: [[f64; 2]; 2],
-    font: Rc<Font>,
-    size: f64,
-    character_gap: f64,
-    word_gap: f64,
-    stretch: f64,
-    leading: f64,
-    rise: f64,
-}
-
-/// Commands of a path, in millimetres.
-#[derive(Default)]
-struct PathBuilder {
-    /// Curves of each connected part.
-    parts: Vec<Vec<Curve2>>,
-    begin: [f64; 2],
-    at: [f64; 2],
-}
-
-impl PathBuilder {
-    fn move_to(&mut self, p: [f64; 2]) {
-        (self.begin, self.at) = (p, p);
-        self.parts.push(Vec::new());
-    }
-
-    fn add(&mut self, curve: Curve2, end: [f64; 2]) {
-        if self.parts.is_empty() {
-            self.parts.push(Vec::new());
-        }
-        if let Some(part) = self.parts.last_mut() {
-            part.push(curve);
-        }
-        self.at = end;
-    }
-
-    fn line_to(&mut self, p: [f64; 2]) {
-        self.add(Curve2::Segment(self.at, p), p);
-    }
-
-    fn close(&mut self) {
-        let begin = self.begin;
-        if self.at != begin {
-            self.line_to(begin);
-        }
-        // What follows without `m` begins there.
-        self.at = begin;
-    }
 }
 
 pub(super) struct Painter<'a> {

@@ -140,7 +140,8 @@ fn arrowheads_with_a_number_are_dimensions_and_hatches_are_boxes() {
 #[test]
 fn forms_are_drawn_and_hidden_layers_are_not() {
     let resources = "/Resources <</XObject <</A 5 0 R>> /Properties <</L 9 0 R /M 8 0 R>>>>";
-    let form = "5 0 obj <</Subtype /Form /Matrix [1 0 0 1 28.34645669 0] /Length 15>> stream\n0 0 m 9 0 l S  \n\
+    let form = "5 0 obj <</Subtype /Form /Matrix [1 0 0 1 28.34645669 0] /Length 15>> stream\n\
+                0 0 m 9 0 l S  \n\
                 endstream endobj 8 0 obj <</Name (on)>> endobj 9 0 obj <</Name (off)>> endobj";
     let content = "/A Do /OC /L BDC 0 5 m 9 5 l S EMC /OC /M BDC 0 7 m 9 7 l S EMC";
     let drawing = read(&file(resources, form, content)).unwrap();

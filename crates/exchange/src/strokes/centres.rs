@@ -1,7 +1,7 @@
 //! Centres of short arcs from those of longer ones.
 //!
-//! A circle through points of an arc of angle θ has a centre with about 8/θ² times the error of the points. If
-//! the points lie on a circle around the centre of a longer arc, that centre is used.
+//! A circle through points of an arc of angle θ has a centre with about 8/θ² times the error of the points.
+//! If the points lie on a circle around the centre of a longer arc, that centre is used.
 
 use super::{Accuracy, Stroke, ends};
 use planish_solid::views::{Curve2, distance};

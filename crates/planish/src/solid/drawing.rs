@@ -23,8 +23,8 @@ const MEETING_TOLERANCE: f64 = 1e-4;
 /// rounding of files. A larger value would merge distinct lines.
 const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
 
-/// Coordinates that are rounded differ by at most this many rounding errors: two lines, each from the corner of
-/// its view, by 4. The centre of a quarter of a circle has 3.4 times the error of its points.
+/// Coordinates that are rounded differ by at most this many rounding errors: two lines, each from the corner
+/// of its view, by 4. The centre of a quarter of a circle has 3.4 times the error of its points.
 const JOINED_ROUNDINGS: f64 = 8.0;
 
 /// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
