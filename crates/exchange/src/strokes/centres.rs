@@ -8,6 +8,8 @@ use planish_solid::views::{Curve2, distance};
 
 /// Error of points on a common circle, relative to that of coordinates: along both axes, and of the centre.
 const ON_CIRCLE: f64 = 4.0;
+/// Maximum error of a centre relative to the radius.
+const MAX_CENTRE_ERROR: f64 = 0.05;
 /// Maximum number of arcs that are compared with each other.
 const MAX_ARCS: usize = 5000;
 
@@ -40,7 +42,9 @@ pub(crate) fn share_centres(strokes: &mut [Stroke], accuracy: &Accuracy) {
                 .fold((f64::MAX, 0.0_f64), |(lo, hi), r| (lo.min(r), hi.max(r)));
             (hi - lo, 0.5 * (lo + hi))
         };
-        let shared = centres.iter().filter(|c| distance(**c, own) <= near);
+        // An arc so short that its centre may be anywhere lies on a circle around any centre.
+        let is_known = near <= MAX_CENTRE_ERROR * radius;
+        let shared = centres.iter().filter(|c| is_known && distance(**c, own) <= near);
         let best = shared.map(|c| (spread(c), *c)).min_by(|a, b| a.0.0.total_cmp(&b.0.0));
         match best {
             Some(((spread, mean), c)) if spread <= ON_CIRCLE * accuracy.rounding => {
@@ -51,7 +55,8 @@ pub(crate) fn share_centres(strokes: &mut [Stroke], accuracy: &Accuracy) {
                 let sweep = if is_whole { *sweep } else { turned };
                 *curve = Curve2::Arc { center: c, radius: mean, start: angle(first), sweep };
             }
-            _ => centres.push(own),
+            _ if is_known => centres.push(own),
+            _ => {}
         }
     }
 }

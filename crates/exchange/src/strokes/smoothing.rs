@@ -19,6 +19,8 @@ const CURVATURE_RATIO: f64 = 1.1;
 const LONGER: f64 = 2.0;
 /// Maximum distance of points from a circle, relative to the error of coordinates.
 const ON_CIRCLE: f64 = 4.0;
+/// Angle of an arc up to which a circle through its ends is accurate.
+const MAX_OPEN: f64 = 5.5;
 /// Radii of arcs of one circle differ by less than this share.
 const SAME_RADIUS: f64 = 1e-3;
 
@@ -179,13 +181,15 @@ fn joined_arcs(last: &Stroke, next: &Stroke, accuracy: &Accuracy) -> Option<Curv
     let [a, b] = [ends(&last.drawn.curve), ends(&next.drawn.curve)];
     let touches = |p: [f64; 2], q: [f64; 2]| distance(p, q) <= accuracy.position;
     // Arcs run counter-clockwise, whatever the order in which they are drawn.
-    let start = match (touches(a[1], b[0]), touches(b[1], a[0])) {
-        (true, _) => *s,
-        (_, true) => *t,
+    let (start, [from, joint, to]) = match (touches(a[1], b[0]), touches(b[1], a[0])) {
+        (true, _) => (*s, [a[0], a[1], b[1]]),
+        (_, true) => (*t, [b[0], b[1], a[1]]),
         _ => return None,
     };
-    // The longer arc is more accurate.
-    let (center, radius) = if w >= v { (*c, *r) } else { (*d, *q) };
+    // The longer arc is more accurate, and the circle through the ends of both still more.
+    let longer = if w >= v { (*c, *r) } else { (*d, *q) };
+    let through_ends = circle_through(from, joint, to).filter(|_| w + v < MAX_OPEN);
+    let (center, radius) = through_ends.unwrap_or(longer);
     let start = start - TAU * ((start + PI) / TAU).floor();
     Some(whole(Curve2::Arc { center, radius, start, sweep: (w + v).min(TAU) }, accuracy))
 }
