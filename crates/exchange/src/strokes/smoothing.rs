@@ -6,7 +6,7 @@
 
 use super::{Accuracy, Stroke, ends};
 use planish_solid::views::{Curve2, distance};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// Maximum angle between short lines along a curve. A larger value takes prisms with many sides for
 /// cylinders: those with 30 sides and more are.
@@ -168,8 +168,8 @@ fn whole(arc: Curve2, accuracy: &Accuracy) -> Curve2 {
 /// One arc, if two arcs of one circle continue each other.
 fn joined_arcs(last: &Stroke, next: &Stroke, accuracy: &Accuracy) -> Option<Curve2> {
     let (
-        Curve2::Arc { center: c, radius: r, start: s, sweep: w },
-        Curve2::Arc { center: d, radius: q, start: t, sweep: v },
+        Curve2::Arc { center: c, radius: r, sweep: w, .. },
+        Curve2::Arc { center: d, radius: q, sweep: v, .. },
     ) = (&last.drawn.curve, &next.drawn.curve)
     else {
         return None;
@@ -181,15 +181,15 @@ fn joined_arcs(last: &Stroke, next: &Stroke, accuracy: &Accuracy) -> Option<Curv
     let [a, b] = [ends(&last.drawn.curve), ends(&next.drawn.curve)];
     let touches = |p: [f64; 2], q: [f64; 2]| distance(p, q) <= accuracy.position;
     // Arcs run counter-clockwise, whatever the order in which they are drawn.
-    let (start, [from, joint, to]) = match (touches(a[1], b[0]), touches(b[1], a[0])) {
-        (true, _) => (*s, [a[0], a[1], b[1]]),
-        (_, true) => (*t, [b[0], b[1], a[1]]),
+    let [from, joint, to] = match (touches(a[1], b[0]), touches(b[1], a[0])) {
+        (true, _) => [a[0], a[1], b[1]],
+        (_, true) => [b[0], b[1], a[1]],
         _ => return None,
     };
     // The longer arc is more accurate, and the circle through the ends of both still more.
     let longer = if w >= v { (*c, *r) } else { (*d, *q) };
     let through_ends = circle_through(from, joint, to).filter(|_| w + v < MAX_OPEN);
     let (center, radius) = through_ends.unwrap_or(longer);
-    let start = start - TAU * ((start + PI) / TAU).floor();
+    let start = (from[1] - center[1]).atan2(from[0] - center[0]);
     Some(whole(Curve2::Arc { center, radius, start, sweep: (w + v).min(TAU) }, accuracy))
 }
