@@ -76,8 +76,8 @@ fn read(bytes: &[u8]) -> Result<DxfDrawing> {
         return Err(match drawn.pictures {
             0 => Error::input("expected a page with lines, found none"),
             _ => Error::unsupported(
-                "expected a page with lines, found a picture only: a scanned sheet has no lines; save the \
-                 picture as PNG or TIFF",
+                "expected a page with lines, found a picture only: trace it, or export the drawing from the \
+                 program that made it",
             ),
         });
     }
