@@ -79,17 +79,17 @@ fn curves_of_run(run: Vec<Stroke>, accuracy: &Accuracy) -> Vec<Stroke> {
         turn_of(a, b, c) / (0.5 * (distance(a, b) + distance(b, c)))
     };
     let curvatures: Vec<f64> = (1..run.len()).map(curvature).collect();
+    // Where a line meets an arc, or two arcs meet, the curvature is another than at the corners beside it.
+    let agree = |a: usize, b: usize| {
+        let ratio = curvatures.get(a).zip(curvatures.get(b)).map(|(a, b)| a / b);
+        ratio.is_some_and(|ratio| (1.0 / CURVATURE_RATIO..=CURVATURE_RATIO).contains(&ratio))
+    };
+    let joins = |corner: usize| (corner > 0 && agree(corner, corner - 1)) || agree(corner, corner + 1);
     let mut found = Vec::new();
-    // First and last point of the part that is examined.
     let mut begin = 0;
     while begin < run.len() {
         let mut end = begin + 1;
-        let first = curvatures.get(begin).copied().unwrap_or(0.0);
-        while end < run.len() {
-            let ratio = curvatures[end - 1] / first;
-            if !(1.0 / CURVATURE_RATIO..=CURVATURE_RATIO).contains(&ratio) {
-                break;
-            }
+        while end < run.len() && joins(end - 1) {
             end += 1;
         }
         found.push((begin, end, arc_through(&points[begin..=end], accuracy)));

@@ -93,7 +93,7 @@ fn a_short_arc_takes_the_centre_of_a_circle_around_which_it_runs() {
     let rounded = |p: [f64; 2]| p.map(|c| (c / 4e-5).round() * 4e-5);
     let [a, b, c] = [0.3, 0.4, 0.5].map(|angle| rounded(at(angle)));
     let (center, radius) = smoothing::circle_through(a, b, c).unwrap();
-    assert!((radius - 10.0).abs() > 1e-3, "{radius}");
+    assert!((radius - 10.0).abs() > 2e-4, "{radius}");
     let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
     let short = Curve2::Arc { center, radius, start: angle(a), sweep: angle(c) - angle(a) };
     let elsewhere = Curve2::Arc { center: [5.0, 7.5], radius: 2.0, start: 0.0, sweep: 1.0 };
