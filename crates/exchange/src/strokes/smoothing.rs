@@ -13,6 +13,8 @@ use std::f64::consts::TAU;
 const MAX_TURN: f64 = 0.21;
 /// Minimum number of lines along a curve.
 const MIN_LINES: usize = 4;
+/// Minimum number of lines along a curve of another kind; fewer may be edges with small angles between them.
+const MIN_CURVE_LINES: usize = 8;
 /// Maximum ratio of curvatures along an arc.
 const CURVATURE_RATIO: f64 = 1.1;
 /// Ratio of a line that touches an arc to the short lines along it.
@@ -104,6 +106,9 @@ fn curves_of_run(run: Vec<Stroke>, accuracy: &Accuracy) -> Vec<Stroke> {
     };
     let is_line = |begin: usize, end: usize| end == begin + 1 && length(begin) > LONGER * beside(begin);
     if !found.iter().all(|(begin, end, arc)| arc.is_some() || is_line(*begin, *end)) {
+        if run.len() < MIN_CURVE_LINES {
+            return run;
+        }
         let mut one = run[0].clone();
         one.drawn.curve = Curve2::Chain(points);
         return vec![one];
