@@ -31,7 +31,7 @@ OUTCOMES = ("right first", "right not first", "scale only", "wrong first", "refu
 def command(asked, folder, known, mutated):
     """The command line for a sheet or three plain files, or for a copy with one wrong line."""
     if "traits" in known and "projection" in known["traits"]:
-        file = mutated["file"] if mutated else f"{known['name']}.dxf"
+        file = mutated["file"] if mutated else f"{known['name']}{asked.ending}"
         given = known["traits"]["projection"] if asked.projection == "true" else asked.projection
         return [str(folder / file)] + ([] if given == "none" else ["--projection", given])
     files = [known["views"][v]["file"] for v in ("front", "top", "right")]
@@ -206,6 +206,7 @@ def main():
     reading.add_argument("folder", nargs="?", type=pathlib.Path)
     reading.add_argument("--out", type=pathlib.Path, help="JSON lines")
     reading.add_argument("--table", type=pathlib.Path, help="only print the tables of earlier results")
+    reading.add_argument("--ending", default=".dxf", help="ending of the sheets: .dxf, .svg, .pdf or .png")
     reading.add_argument("--only", default="*", help="pattern of names")
     reading.add_argument("--limit", type=float, default=60.0, help="seconds for each drawing")
     reading.add_argument("--most", type=int, default=20, help="solids of each drawing that are compared")

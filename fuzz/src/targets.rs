@@ -5,11 +5,13 @@
 //! words of its format in `words`.
 
 mod commands;
+mod pdf_words;
 mod readers;
 mod repairs;
 mod words;
 
 use crate::valid;
+use pdf_words::PDF;
 use planish_estimate::Result;
 use rand_chacha::ChaCha8Rng;
 use readers::*;
@@ -92,6 +94,7 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("lights", "l.toml", valid::lights, LIGHTS, unchanged, lights),
     target("dxf", "a.dxf", valid::dxfs, DXF, unchanged, dxf),
     target("svg", "a.svg", valid::svgs, SVG, unchanged, svg),
+    target("pdf", "a.pdf", valid::pdfs, PDF, unchanged, pdf),
     target("readings", "a.csv", valid::readings, READINGS, unchanged, readings),
     target("carmen", "a.log", valid::carmen_logs, READINGS, unchanged, readings),
     target("rays", "a.csv", valid::rays, READINGS, unchanged, rays),

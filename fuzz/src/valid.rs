@@ -17,7 +17,7 @@ pub use meshes::*;
 pub use scans::*;
 
 use flate2::Compression;
-use flate2::write::GzEncoder;
+use flate2::write::{GzEncoder, ZlibEncoder};
 use planish_estimate::{Error, Result};
 use std::io::{Cursor, Write as _};
 use std::path::Path;
@@ -44,6 +44,13 @@ fn written(write: impl FnOnce(&Path) -> Result<()>, name: &str) -> Result<Vec<u8
 pub fn packed(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
     // Neither call can fail in memory.
+    let _ = encoder.write_all(bytes);
+    encoder.finish().unwrap_or_default()
+}
+
+/// The bytes, compressed as in PDF streams.
+fn zlib(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
     let _ = encoder.write_all(bytes);
     encoder.finish().unwrap_or_default()
 }

@@ -19,6 +19,7 @@ Examples:
 -o bracket.step
   planish solid front.dxf top.dxf -o part.step --all --json
   planish solid sheet.dxf -o part.step
+  planish solid sheet.pdf --projection first -o part.step
   planish solid sheet.dxf --view front=20,20,60,40 --view top=20,60,60,90 -o part.step
   planish solid front.svg top.svg side.svg -o part.glb --mesh-tolerance 0.01
   planish solid front.json side.json --as front,side -o part.step -o part.json --graphs graphs.json
@@ -29,8 +30,8 @@ Views:
   side   seen from +x, shows y and z
 All views share one frame and one scale. On a sheet with all views, the views are found and aligned with \
 the front view; frame, title block, dimensions, notes, sections and other views are set aside and listed \
-(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG files. Lengths \
-are multiplied by the scale that the dimensions or the title block state.
+(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG and PDF files. \
+Lengths are multiplied by the scale that the dimensions or the title block state.
 
 Hidden lines have dashes of one length, or a layer or line type whose name says so (HIDDEN, VERDECKT, CACHE \
 ...). Centre lines, of alternating dashes, are ignored. Faces are planes parallel to a line of sight and \
@@ -51,9 +52,9 @@ and dimensions in space with their σ.";
     after_long_help = EXAMPLES
 )]
 pub struct SolidArgs {
-    /// Front, top and optional side view (.dxf, .svg, .json), or one drawing with all views
+    /// Front, top and optional side view (.dxf, .svg, .pdf, .json), or one drawing with all views
     ///
-    /// Views are drawings (.dxf, .svg) or contours (.json).
+    /// Views are drawings (.dxf, .svg, .pdf) or contours (.json).
     #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     views: Vec<PathBuf>,
     /// Kinds of the views, such as `front,side` [default: front, top and side]

@@ -29,6 +29,7 @@ mod tests;
 use crate::Unit;
 use crate::source::read_file;
 use dimension::DimensionLengths;
+pub(crate) use dimension::stated as stated_length;
 use groups::{Groups, Record};
 use line_style::Dashes;
 use placed::{Block, Drawer, Items, Place, Sheet};
@@ -44,7 +45,7 @@ use std::path::Path;
 /// `a_missing_or_recursive_block_is_named`.
 const MAX_ENTITIES: usize = 200_000;
 
-/// Content of a drawing file (DXF or SVG).
+/// Content of a drawing file (DXF, SVG or PDF).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DxfDrawing {
     /// Curves in the order of the file.
@@ -53,6 +54,8 @@ pub struct DxfDrawing {
     pub annotations: Annotations,
     /// Unit of length, if the file states it.
     pub unit: Option<Unit>,
+    /// Maximum error of coordinates by rounding, if the format has few digits.
+    pub rounding: Option<f64>,
     /// Number of ignored entities by kind, such as texts and hatches.
     pub ignored: BTreeMap<String, usize>,
     /// Ignored entities and conflicting dimensions; each text names an entity.

@@ -39,7 +39,7 @@ pub enum FileKind {
     Lights,
     /// Sensor that `next` plans views for.
     ViewSensor,
-    /// A drawing (DXF, SVG).
+    /// A drawing (DXF, SVG, PDF).
     Drawing,
     /// A contour with its covariance (JSON).
     Contour,
@@ -91,7 +91,7 @@ impl FileKind {
             "step" | "stp" => Self::Step,
             "conf" => Self::ScanList,
             "toml" => of_toml(path)?,
-            "dxf" | "svg" => Self::Drawing,
+            "dxf" | "svg" | "pdf" => Self::Drawing,
             "json" => Self::Contour,
             "log" => Self::ContourReadings,
             "mtl" => Self::Materials,

@@ -53,7 +53,7 @@
 //! | [`e57`] | E57 | scans with poses | |
 //! | [`npy`] | NPY, NPZ | points, organised points | |
 //! | [`depth`] | PNG, TIFF, NPY | depth images, with the [`calibration`] of their camera | |
-//! | [`dxf`], [`svg`] | DXF (ASCII), SVG | curves of drawings | |
+//! | [`dxf`], [`svg`], [`pdf`] | DXF (ASCII), SVG, PDF | curves of drawings | |
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures | PNG |
 //! | [`raster`] | TIFF, NPY | | values per pixel |
 //! | [`views`] | `views.toml` | cameras with masks, contours and tracks | |
@@ -91,6 +91,7 @@ pub mod npy;
 pub mod obj;
 pub mod off;
 pub mod pcd;
+pub mod pdf;
 pub mod picture;
 pub mod ply;
 pub mod poses;
@@ -106,10 +107,13 @@ pub mod xyz;
 mod affine;
 mod appearance;
 mod atomic;
+mod bezier;
 #[cfg(test)]
 mod budget_tests;
 mod checksum;
 mod columns;
+mod dash_pattern;
+mod drawings;
 mod file_kind;
 mod foreign;
 mod georeference;
@@ -122,9 +126,11 @@ mod scan_set;
 mod scans;
 mod source;
 mod split_scans;
+mod strokes;
 
 pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
+pub use drawings::read_drawing;
 pub use file_kind::FileKind;
 pub use georeference::GeoReference;
 pub use output_set::{recover_outputs_in_folder_of, write_as_set};

@@ -23,6 +23,7 @@ mod tests;
 
 use crate::Unit;
 use crate::affine::Affine;
+pub use crate::bezier::ARC_TOLERANCE;
 use crate::dxf::DxfDrawing;
 use crate::source::{MAX_TEXT_BYTES, read_text};
 use path::path_curves;
@@ -35,11 +36,6 @@ use std::f64::consts::{PI, TAU};
 use std::path::Path;
 use style::{Sheet, Style};
 
-/// Maximum deviation of a cubic curve that is read as an arc, as a share of the radius.
-///
-/// Drawing programs write a quarter circle as one cubic, which deviates by 2.7e-4. A larger tolerance would
-/// turn other curves into arcs. Guarded by `a_cubic_along_a_circle_becomes_an_arc`.
-pub const ARC_TOLERANCE: f64 = 4e-4;
 /// Maximum number of nodes of the document, which bounds the memory of the XML parser.
 const MAX_ELEMENTS: u32 = 500_000;
 /// Maximum number of curves; far above the drawing of a part.

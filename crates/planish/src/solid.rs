@@ -1,6 +1,6 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Input: DXF or SVG files, one a view, or one with all views; or contours with their covariance as
+//! Input: DXF, SVG or PDF files, one a view, or one with all views; or contours with their covariance as
 //! `planish contour` writes them, one a view. Output: the solids, best first, each a STEP file with true
 //! planes and cylinders, or a watertight mesh; and which lines none of them explains. A solid is written only
 //! where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
@@ -41,8 +41,8 @@ use std::path::PathBuf;
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order. The
-    /// side view is optional. One drawing may contain all views.
+    /// DXF, SVG or PDF files, or `.json` files of contours, of the front, top and side view, in this order.
+    /// The side view is optional. One drawing may contain all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed; found from the sheet if none is given.
     pub projection: Option<Projection>,
@@ -223,7 +223,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let (readings, unit) = match &noisy {
         Some(noisy) => {
             let drawing = noisy.consistent.exact_views()?;
-            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new() }], noisy.unit)
+            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new(), rounding: 0.0 }], noisy.unit)
         }
         None => drawing::read(job)?,
     };
@@ -243,8 +243,11 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
             relaxed::search_relaxed(&readings, is_exact, progress).map_or(strict, Ok)?
         }
     };
-    let SearchedReading { reading: ReadDrawing { drawing, sheet, findings: noticed }, found, differences } =
-        searched;
+    let SearchedReading {
+        reading: ReadDrawing { drawing, sheet, findings: noticed, .. },
+        found,
+        differences,
+    } = searched;
     findings.extend(noticed);
     let (accepted, refused) = split_by(&differences, &found.solutions);
     let geometry = match (&noisy, accepted.first()) {
@@ -513,8 +516,8 @@ fn counts(solid: &Solid) -> FaceCounts {
 fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "expected drawings (.dxf, .svg) of the front, top and side view, in this order (the side view \
-             is optional), or one file with all of them, found {}",
+            "expected drawings (.dxf, .svg, .pdf) of the front, top and side view, in this order (the side \
+             view is optional), or one file with all of them, found {}",
             job.views.len()
         )));
     }

@@ -25,14 +25,12 @@ use planish_exchange::contours::{
     CarmenOptions, SigmaDefaults, read_contour_json, read_contour_readings, read_ray_readings,
 };
 use planish_exchange::depth::find_calibration;
-use planish_exchange::dxf::read_dxf;
 use planish_exchange::mesh::PolygonMesh;
 use planish_exchange::picture::read_picture;
 use planish_exchange::poses::read_poses;
-use planish_exchange::svg::read_svg;
 use planish_exchange::textured::{TexturedMesh, read_materials, read_textured};
 use planish_exchange::views::read_views;
-use planish_exchange::{FileKind, Unit, extension};
+use planish_exchange::{FileKind, Unit, read_drawing};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -172,7 +170,7 @@ fn verify(path: &Path, kind: FileKind, unit: Option<Unit>) -> Result<Checked> {
         FileKind::Lights => Checked::read(read_lights(path).map(drop), "lights")?,
         FileKind::ViewSensor => Checked::read(read_view_sensor(path).map(drop), "sensor for planned views")?,
         FileKind::Drawing => {
-            let drawing = if extension(path) == "svg" { read_svg(path)? } else { read_dxf(path)? };
+            let drawing = read_drawing(path)?;
             let contents = format!("drawing of {} curves", drawing.curves.len());
             Checked { contents, findings: drawing.findings }
         }

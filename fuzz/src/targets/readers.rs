@@ -11,6 +11,7 @@ use planish_exchange::contours::{
 };
 use planish_exchange::dxf::read_dxf;
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
+use planish_exchange::pdf::read_pdf;
 use planish_exchange::picture::read_picture;
 use planish_exchange::ply::{read_contents, read_scan, write_scan};
 use planish_exchange::poses::read_poses;
@@ -34,6 +35,10 @@ pub(super) fn step(path: &Path) -> Result<()> {
 
 pub(super) fn svg(path: &Path) -> Result<()> {
     read_svg(path).map(drop)
+}
+
+pub(super) fn pdf(path: &Path) -> Result<()> {
+    read_pdf(path).map(drop)
 }
 
 /// Values of σ for files that state none.

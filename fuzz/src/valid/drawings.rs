@@ -43,6 +43,44 @@ pub fn svgs() -> Result<Vec<Vec<u8>>> {
     ])
 }
 
+/// Drawings with curves, dashes, hatching, text, a form, and compressed objects.
+pub fn pdfs() -> Result<Vec<Vec<u8>>> {
+    let lines: String = (0..7).map(|k| format!("{} 20 m {} 30 l S ", 10 + 3 * k, 20 + 3 * k)).collect();
+    let dashes: String = (0..6).map(|k| format!("{} 5 m {} 5 l ", 9 * k, 9 * k + 6)).collect();
+    let content = format!(
+        "q 1 0 0 1 9 9 cm .7 w [6 3] 0 d 0 0 m 40 0 l S Q {dashes} S \
+         50 20 m 50 25.52 45.52 30 40 30 c 34.48 30 30 25.52 30 20 c s 5 5 30 20 re S {lines} \
+         BT /F1 9 Tf 1 0 0 1 20 40 Tm [(4) -20 (0)] TJ ET 10 38 m 13 39 l 13 37 l f /A Do \
+         /OC /L BDC 0 0 m 1 1 l S EMC"
+    );
+    let form = "0 0 m 9 9 l S";
+    let head = "%PDF-1.5\n1 0 obj<</Pages 2 0 R/OCProperties<</D<</OFF[9 0 R]>>>>>>endobj \
+        2 0 obj<</Kids[3 0 R]/MediaBox[0 0 99 99]>>endobj \
+        3 0 obj<</Parent 2 0 R/Contents 4 0 R/Resources<</Font<</F1 8 0 R>>\
+        /XObject<</A 5 0 R>>/Properties<</L 9 0 R>>>>>>endobj \
+        8 0 obj<</Type/Font/FirstChar 48/Widths[500 500]/Encoding<</Differences[52/four]>>>>endobj \
+        9 0 obj<</Name(L)>>endobj";
+    let plain = format!(
+        "{head} 5 0 obj<</Subtype/Form/Matrix[1 0 0 1 5 5]/Length {}>>stream\n{form}\nendstream endobj 4 0 \
+         obj<</Length {}>>stream\n{content}\nendstream endobj trailer<</Root 1 0 R>>",
+        form.len(),
+        content.len()
+    );
+    let objects =
+        b"1 0 2 18 3 36 <</Pages 2 0 R>>  <</Kids[3 0 R]>>  <</MediaBox[0 0 99 99]/Contents 4 0 R>>";
+    let mut packed = b"%PDF-1.5\n".to_vec();
+    for (entries, bytes) in [
+        ("5 0 obj<</Type/ObjStm/N 3/First 14", &objects[..]),
+        ("4 0 obj<</Length 300", content.as_bytes()),
+        ("7 0 obj<</Type/XRef/Root 1 0 R", b""),
+    ] {
+        packed.extend(format!("{entries}/Filter/FlateDecode>>stream\n").bytes());
+        packed.extend(super::zlib(bytes));
+        packed.extend(b"\nendstream endobj\n");
+    }
+    Ok(vec![plain.into_bytes(), packed])
+}
+
 /// Planar readings and overhead points.
 pub fn readings() -> Result<Vec<Vec<u8>>> {
     let poses = "x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range,pose_id,time,level\n";

@@ -69,6 +69,9 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("An SVG file with recursively expanding entities", "solid laughs.svg top.dxf -o old.step", 2),
     ("Deeply nested SVG groups", "solid groups.svg top.dxf -o old.step", 2),
     ("An SVG path that ends within a number", "solid path.svg top.dxf -o old.step", 2),
+    ("An encrypted PDF file", "solid locked.pdf top.dxf -o old.step", 2),
+    ("A PDF page that is a picture", "solid scanned.pdf top.dxf -o old.step", 2),
+    ("A picture as a drawing", "solid drawing.png top.dxf -o old.step", 2),
     ("A picture with the extension .dxf", "solid picture.dxf top.dxf -o old.step", 2),
     ("A missing view", "solid front.dxf gone.dxf -o old.step", 3),
     ("A single view", "solid front.dxf -o old.step", 2),
@@ -277,6 +280,12 @@ fn fill_drawings(folder: &Path) {
     text("laughs.svg", &format!("{entity_bomb}]><svg><text>&a11;</text></svg>"));
     text("groups.svg", &format!("<svg>{}{}</svg>", "<g>".repeat(1000), "</g>".repeat(1000)));
     text("path.svg", "<svg>\n<path id='rim' d='M0 0 L 3 4e'/></svg>");
+    let head = "%PDF-1.4\n1 0 obj <</Pages 2 0 R>> endobj trailer <</Root 1 0 R";
+    text("locked.pdf", &format!("{head} /Encrypt 3 0 R>>"));
+    let page = "2 0 obj <</MediaBox [0 0 9 9] /Contents 3 0 R>> endobj 3 0 obj <</Length 12>> stream\n\
+        BI ID x EI  \nendstream endobj";
+    text("scanned.pdf", &format!("{head}>> {page}"));
+    text("drawing.png", "P");
     std::fs::write(folder.join("picture.dxf"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").expect("a file");
     steps(folder);
     text("cut.json", "{\"kind\": \"circle\", \"parameters\": {");

@@ -175,7 +175,7 @@ impl Measured {
 }
 
 /// Number in the text of a dimension, and half of its last digit; none if the text has no number of its own.
-fn stated(text: &str) -> Option<(f64, f64)> {
+pub(crate) fn stated(text: &str) -> Option<(f64, f64)> {
     // `<>` is replaced by the measurement, so numbers around it are additions such as tolerances. Codes such
     // as `\\A1;` format the text.
     if text.contains("<>") {

@@ -1,13 +1,11 @@
 //! Converts paths (the attribute `d`) to curves.
 
-use super::{ARC_TOLERANCE, number, unit_arc};
+use super::{number, unit_arc};
 use crate::affine::Affine;
+use crate::bezier::bezier;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::TAU;
-
-/// Number of segments of a Bézier curve.
-const CURVE_SEGMENTS: usize = 48;
 
 /// Minimum angle of an arc in radians; shorter ones become their chord. The arc leaves the chord by 1e-25 of
 /// the radius, and rounding moves the ends of an arc by 1e-16 of it, which is 1e-4 of such a chord.
@@ -168,54 +166,6 @@ fn add_line(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) {
     if from != to {
         curves.push(Curve2::Segment(from, to));
     }
-}
-
-/// Converts a Bézier curve: to a line if straight, to an arc if it follows a circle, else to points.
-fn bezier(poles: &[[f64; 2]]) -> Curve2 {
-    let at = |t: f64| {
-        let mut p: Vec<[f64; 2]> = poles.to_vec();
-        while p.len() > 1 {
-            p = p.windows(2).map(|q| [0, 1].map(|k| q[0][k] + t * (q[1][k] - q[0][k]))).collect();
-        }
-        p[0]
-    };
-    let points: Vec<[f64; 2]> = (0..=CURVE_SEGMENTS).map(|k| at(k as f64 / CURVE_SEGMENTS as f64)).collect();
-    let (a, m, b) = (points[0], points[CURVE_SEGMENTS / 2], points[CURVE_SEGMENTS]);
-    let cross = (m[0] - a[0]) * (b[1] - a[1]) - (m[1] - a[1]) * (b[0] - a[0]);
-    let chord = (b[0] - a[0]).hypot(b[1] - a[1]);
-    let off = |p: &[f64; 2]| ((p[0] - a[0]) * (b[1] - a[1]) - (p[1] - a[1]) * (b[0] - a[0])).abs();
-    let forward = |p: &[f64; 2]| (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1]);
-    if chord > 0.0
-        && points.iter().all(|p| off(p) <= 1e-9 * chord * chord)
-        // A curve on a line that turns back covers more than the segment between its ends.
-        && points.windows(2).all(|p| forward(&p[0]) <= forward(&p[1]))
-    {
-        return Curve2::Segment(a, b);
-    }
-    // Circle through both ends and the middle.
-    let square = |p: [f64; 2]| (p[0] - a[0]).powi(2) + (p[1] - a[1]).powi(2);
-    let (sm, sb) = (square(m), square(b));
-    let center = [
-        a[0] + (sm * (b[1] - a[1]) - sb * (m[1] - a[1])) / (2.0 * cross),
-        a[1] + (sb * (m[0] - a[0]) - sm * (b[0] - a[0])) / (2.0 * cross),
-    ];
-    let radius = (a[0] - center[0]).hypot(a[1] - center[1]);
-    let follows =
-        |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= ARC_TOLERANCE * radius;
-    // For collinear points the radius is not finite.
-    if radius.is_finite() && radius > 0.0 && points.iter().all(follows) {
-        let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
-        // Summed over small steps, because the angles of the ends leave full turns open.
-        let sweeps: f64 = points.windows(2).map(|p| turn(angle(p[1]) - angle(p[0]))).sum();
-        let start = angle(if sweeps > 0.0 { a } else { b });
-        return Curve2::Arc { center, radius, start, sweep: sweeps.abs().min(TAU) };
-    }
-    Curve2::Chain(points)
-}
-
-/// Reduces an angle to −π to π.
-fn turn(angle: f64) -> f64 {
-    angle - TAU * (angle / TAU).round()
 }
 
 /// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too

@@ -1,12 +1,9 @@
 //! Line styles of elements: visible, hidden, centre line, or not displayed.
 
+use crate::dash_pattern::style_of_pattern;
 use planish_solid::views::LineStyle;
 use roxmltree::{Document, Node};
 use std::collections::HashMap;
-
-/// Minimum ratio of the longest to the shortest dash of a centre line. Hidden lines have equal dashes; centre
-/// lines alternate long dashes with dots. Guarded by `dashes_are_hidden_lines_and_dash_dots_centre_lines`.
-const CENTRE_LINE_RATIO: f64 = 1.5;
 
 /// The classes of `<style>` sheets.
 ///
@@ -145,15 +142,6 @@ fn dashed(value: &str) -> Option<LineStyle> {
         let end = text.find(|c: char| c.is_ascii_alphabetic() || c == '%').unwrap_or(text.len());
         text[..end].parse::<f64>().ok()
     };
-    let mut all: Vec<f64> = value.split(separates).filter(|t| !t.is_empty()).filter_map(length).collect();
-    if all.iter().all(|x| *x <= 0.0) {
-        return Some(LineStyle::Visible);
-    }
-    // A list of odd length is repeated, so that dashes and gaps alternate.
-    if all.len() % 2 == 1 {
-        all.extend(all.clone());
-    }
-    let dashes = all.iter().step_by(2);
-    let (shortest, longest) = dashes.fold((f64::MAX, 0.0_f64), |(lo, hi), d| (lo.min(*d), hi.max(*d)));
-    (longest <= CENTRE_LINE_RATIO * shortest).then_some(LineStyle::Hidden)
+    let all = value.split(separates).filter(|t| !t.is_empty()).filter_map(length).collect();
+    style_of_pattern(all)
 }

@@ -6,15 +6,14 @@ use super::sheet::{self, ReadDrawing};
 use super::{SolidJob, kinds};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
-use planish_exchange::dxf::{DxfDrawing, read_dxf};
-use planish_exchange::svg::read_svg;
-use planish_exchange::{Unit, extension};
+use planish_exchange::dxf::DxfDrawing;
+use planish_exchange::{Unit, extension, read_drawing};
 use planish_solid::drawing::ViewContent;
 use planish_solid::views::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
 };
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Maximum number of lines of one kind that a message names. Others are counted.
 const MAX_NAMED: usize = 3;
@@ -24,6 +23,10 @@ const MEETING_TOLERANCE: f64 = 1e-4;
 /// Distance within which ends and middles of repeated lines agree, relative to the drawing's size: the
 /// rounding of files. A larger value would merge distinct lines.
 const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
+
+/// Coordinates that are rounded differ by at most this many rounding errors: two lines, each from the corner
+/// of its view, by 4. The centre of a quarter of a circle has 3.4 times the error of its points.
+const JOINED_ROUNDINGS: f64 = 8.0;
 
 /// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
 /// 0.004 mm to 4e8 mm, and not of 4e9 mm.
@@ -36,7 +39,7 @@ pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
     let mut findings = Vec::new();
     for (path, kind) in job.views.iter().zip(kinds(job)) {
         let name = path.display();
-        let mut file = read_file(path)?;
+        let mut file = read_drawing(path)?;
         if file.curves.is_empty() {
             return Err(Error::input(format!(
                 "{name}: expected lines, arcs or circles of {}, found none{}",
@@ -87,18 +90,21 @@ pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
 
 /// Views of one file each.
 fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
-    let mut made = ReadDrawing { drawing: Drawing::default(), sheet: None, findings: Vec::new() };
+    let mut made =
+        ReadDrawing { drawing: Drawing::default(), sheet: None, findings: Vec::new(), rounding: 0.0 };
     for ((path, kind), mut file) in job.views.iter().zip(kinds(job)).zip(files) {
         let name = path.display();
         // A second copy would have to be explained by a second edge.
         let twice = drop_repeated(&mut file.curves);
         made.findings.extend(twice.into_iter().map(|f| f.in_context(&name)));
-        // DXF views share a frame; every SVG page has an origin of its own.
-        if extension(path) == "svg" {
+        // DXF views share a frame; every page of SVG and PDF has an origin of its own.
+        if ["svg", "pdf"].contains(&extension(path).as_str()) {
             place_at_origin(&mut file.curves);
         }
         let mut view = View::new(kind, std::mem::take(&mut file.curves));
-        made.findings.extend(sheet::scale_view(&mut view, &file).map(|f| f.in_context(&name)));
+        let scale = sheet::scale_view(&mut view, &file);
+        made.rounding = made.rounding.max(file.rounding.unwrap_or(0.0) * scale.as_ref().map_or(1.0, |s| s.0));
+        made.findings.extend(scale.map(|(_, finding)| finding.in_context(&name)));
         made.drawing.views.push(view);
     }
     made
@@ -107,7 +113,15 @@ fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
 /// Joins coordinates and checks the views.
 fn finish(reading: &mut ReadDrawing, unit: Unit, job: &SolidJob) -> Result<()> {
     // Joining comes before the check of extents, because it can make them equal.
-    if let Some(tolerance) = job.tolerance.map(|length| length.in_unit(unit)) {
+    let given = job.tolerance.map(|length| length.in_unit(unit));
+    if given.is_none() && reading.rounding > 0.0 {
+        let tolerance = JOINED_ROUNDINGS * reading.rounding;
+        for view in &mut reading.drawing.views {
+            view.curves.retain(|c| c.curve.length() > tolerance);
+        }
+        reading.drawing = joined(&reading.drawing, tolerance)?;
+    }
+    if let Some(tolerance) = given {
         reading.drawing = joined(&reading.drawing, tolerance)
             .map_err(|e| e.in_context(format!("tolerance {tolerance:e}")).with_setting(Setting::Tolerance))?;
     }
@@ -127,13 +141,6 @@ fn check_size(drawing: &Drawing, unit: Unit, job: &SolidJob) -> Result<()> {
         job.views.first().map(|v| v.display().to_string()).unwrap_or_default()
     ))
     .with_setting(Setting::Unit))
-}
-
-fn read_file(path: &Path) -> Result<DxfDrawing> {
-    match extension(path).as_str() {
-        "svg" => read_svg(path),
-        _ => read_dxf(path),
-    }
 }
 
 /// The first few items, and the number of the others.

@@ -22,6 +22,8 @@ pub(super) struct ReadDrawing {
     pub sheet: Option<ReportedSheet>,
     /// What was noticed on reading.
     pub findings: Vec<Finding>,
+    /// Maximum error of coordinates by the rounding of the format; zero if they are exact.
+    pub rounding: f64,
 }
 
 /// How a sheet was read.
@@ -93,10 +95,10 @@ pub(super) fn readings(
             None => error,
         }
     })?;
-    Ok(read.into_iter().map(|reading| candidate(reading, path)).collect())
+    Ok(read.into_iter().map(|reading| candidate(reading, path, file.rounding.unwrap_or(0.0))).collect())
 }
 
-fn candidate(mut reading: SheetReading, path: &Path) -> ReadDrawing {
+fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawing {
     let name = path.display();
     let mut findings: Vec<Finding> = Vec::new();
     for view in &mut reading.drawing.views {
@@ -120,7 +122,8 @@ fn candidate(mut reading: SheetReading, path: &Path) -> ReadDrawing {
             .map(|(entity, reason)| SetAsideEntity { entity: entity.clone(), reason: reason.name() })
             .collect(),
     };
-    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings }
+    let rounding = rounding * reading.scale;
+    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings, rounding }
 }
 
 /// What a user should know about the reading of a sheet.
@@ -156,13 +159,13 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
     findings
 }
 
-/// Scales a view of a file of its own by its dimensions.
-pub(super) fn scale_view(view: &mut View, file: &DxfDrawing) -> Option<Finding> {
+/// Scales a view of a file of its own by its dimensions; returns the scale, if it is not 1.
+pub(super) fn scale_view(view: &mut View, file: &DxfDrawing) -> Option<(f64, Finding)> {
     let scale = scale_of_dimensions(&file.annotations.dimensions).filter(|scale| *scale != 1.0)?;
     let drawing = Drawing { views: vec![std::mem::replace(view, View::new(view.kind, Vec::new()))] };
     view.curves = drawing.scaled(scale).views.remove(0).curves;
     let text = format!("lengths are {scale} times those of the drawing, as its dimensions state");
-    Some(Finding::new(FindingCode::ScaleApplied, text))
+    Some((scale, Finding::new(FindingCode::ScaleApplied, text)))
 }
 
 /// That a sheet shows different solids in both conventions.

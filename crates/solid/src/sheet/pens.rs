@@ -13,6 +13,10 @@ use std::f64::consts::TAU;
 /// Share of a pen's curves with a free end from which on all of them are annotations. Of a drawing with one
 /// wrong line, few curves have one.
 const FREE_SHARE: f64 = 0.3;
+/// Maximum length of an extension line beyond the tip of an arrowhead, relative to the arrowhead.
+const BEYOND_TIP: f64 = 1.2;
+/// Cosine of the angle between an arrowhead and its extension line.
+const ACROSS: f64 = 0.1;
 /// Size of an arrowhead, relative to which its tip and its foot meet a line.
 const ARROW_REACH: f64 = 0.2;
 
@@ -70,6 +74,7 @@ impl SheetReader<'_> {
     /// Sets aside curves that end at an arrowhead or carry it, and lines that only touch these.
     fn set_aside_arrows(&mut self) {
         let mut with_arrows = Vec::new();
+        let mut extension_lines = Vec::new();
         for arrow in &self.annotations.arrowheads {
             // The tip is the corner opposite to the shortest side.
             let side = |k: usize| distance(arrow[(k + 1) % 3], arrow[(k + 2) % 3]);
@@ -85,12 +90,16 @@ impl SheetReader<'_> {
             {
                 let near = |p: [f64; 2]| distance(nearest_on_curve(&self.curves[k].curve, p), p) <= reach;
                 let middle = [0, 1].map(|c| 0.5 * (arrow[tip][c] + foot[c]));
+                if near(arrow[tip]) && self.is_extension_line(k, arrow[tip], foot) {
+                    extension_lines.push(k);
+                }
                 if near(foot) && (near(arrow[tip]) || near(middle) || self.ends_at(k, foot, reach)) {
                     with_arrows.push(k);
                 }
             }
         }
         self.set_aside(with_arrows.iter().copied(), SetAsideReason::Annotation);
+        self.set_aside(extension_lines, SetAsideReason::Annotation);
         // Extension lines, and landings of leaders.
         let beside: Vec<usize> = with_arrows.iter().flat_map(|k| self.contacts.of(*k)).collect();
         let is_loose = |k: &usize| {
@@ -100,6 +109,18 @@ impl SheetReader<'_> {
         };
         let loose: Vec<usize> = beside.into_iter().filter(is_loose).collect();
         self.set_aside(loose, SetAsideReason::Annotation);
+    }
+
+    /// Whether a line crosses the tip of an arrowhead and ends freely a little beyond it. Lines of dimensions
+    /// may end at the foot of the arrowhead, so that they do not touch the extension line.
+    fn is_extension_line(&self, curve: usize, tip: [f64; 2], foot: [f64; 2]) -> bool {
+        let Curve2::Segment(a, b) = &self.curves[curve].curve else { return false };
+        let (line, arrow) = ([b[0] - a[0], b[1] - a[1]], [tip[0] - foot[0], tip[1] - foot[1]]);
+        let length = arrow[0].hypot(arrow[1]);
+        let along = line[0] * arrow[0] + line[1] * arrow[1];
+        along.abs() <= ACROSS * length * line[0].hypot(line[1])
+            && self.ends_at(curve, tip, BEYOND_TIP * length)
+            && self.contacts.free_ends(curve, |other| self.is_left(other)) > 0
     }
 
     fn ends_at(&self, curve: usize, p: [f64; 2], reach: f64) -> bool {

@@ -175,8 +175,11 @@ fn dimensions_are_set_aside_by_their_arrowheads_or_their_pen() {
     let pens = (0..curves.len()).map(|k| u32::from(k >= part.len())).collect();
     let by_pen = Annotations { pens, ..Annotations::default() };
     let by_arrows = Annotations { arrowheads, ..Annotations::default() };
-    for annotations in [by_pen, by_arrows] {
-        let readings = read(&curves, &annotations).unwrap();
+    // Where the dimension line ends at the feet of its arrowheads, it does not touch the extension lines.
+    let mut to_feet = curves.clone();
+    to_feet[part.len() + 2] = segment([103.0, 90.0], [137.0, 90.0], LineStyle::Visible);
+    for (curves, annotations) in [(&curves, by_pen), (&curves, by_arrows.clone()), (&to_feet, by_arrows)] {
+        let readings = read(curves, &annotations).unwrap();
         assert_eq!(readings[0].set_aside.len(), lines.len(), "{:?}", readings[0].set_aside);
         assert!((volume(&readings[0]) - 13_500.0).abs() < 1e-9);
     }

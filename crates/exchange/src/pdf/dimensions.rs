@@ -1,0 +1,66 @@
+//! Dimensions: two arrowheads that point away from or towards each other, and the number between them.
+
+use crate::dxf::stated_length;
+use planish_solid::sheet::{SheetDimension, SheetText};
+use planish_solid::views::distance;
+
+/// Maximum number of arrowheads, which are compared in pairs.
+const MAX_ARROWS: usize = 4000;
+/// Tolerance of directions of arrowheads.
+const OPPOSITE: f64 = 0.01;
+/// Maximum distance of the number from the dimension line, in lengths of an arrowhead.
+const BESIDE: f64 = 3.0;
+
+struct Arrow {
+    tip: [f64; 2],
+    /// Unit vector towards the tip.
+    towards: [f64; 2],
+    length: f64,
+}
+
+/// The dimensions that arrowheads and texts show.
+pub(super) fn between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText]) -> Vec<SheetDimension> {
+    let arrows: Vec<Arrow> = triangles.iter().take(MAX_ARROWS).filter_map(arrow).collect();
+    let stated: Vec<([f64; 2], (f64, f64))> =
+        texts.iter().filter_map(|text| Some((text.at, stated_length(&text.text)?))).collect();
+    let mut found = Vec::new();
+    for (k, own) in arrows.iter().enumerate() {
+        let partners = arrows.iter().enumerate().filter_map(|(j, other)| {
+            let step = [other.tip[0] - own.tip[0], other.tip[1] - own.tip[1]];
+            let along = step[0] * own.towards[0] + step[1] * own.towards[1];
+            let across = (step[0] * own.towards[1] - step[1] * own.towards[0]).abs();
+            let faces = own.towards[0] * other.towards[0] + own.towards[1] * other.towards[1];
+            let is_pair =
+                faces < OPPOSITE - 1.0 && across <= OPPOSITE * along.abs() && along.abs() > own.length;
+            is_pair.then_some((along.abs(), j))
+        });
+        let Some((drawn, other)) = partners.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+        // Each pair once.
+        if other < k {
+            continue;
+        }
+        let middle = [0, 1].map(|c| 0.5 * (own.tip[c] + arrows[other].tip[c]));
+        let near = stated.iter().filter(|(at, _)| {
+            let off = [at[0] - middle[0], at[1] - middle[1]];
+            let [along, across] = [
+                off[0] * own.towards[0] + off[1] * own.towards[1],
+                off[0] * own.towards[1] - off[1] * own.towards[0],
+            ];
+            along.abs() <= 0.5 * drawn && across.abs() <= BESIDE * own.length
+        });
+        let nearest = near.min_by(|a, b| distance(a.0, middle).total_cmp(&distance(b.0, middle)));
+        if let Some((_, (stated, rounding))) = nearest {
+            found.push(SheetDimension { drawn, stated: *stated, rounding: *rounding });
+        }
+    }
+    found
+}
+
+/// The arrow of a triangle: its tip is opposite to the shortest side.
+fn arrow(corners: &[[f64; 2]; 3]) -> Option<Arrow> {
+    let side = |k: usize| distance(corners[(k + 1) % 3], corners[(k + 2) % 3]);
+    let at = (0..3).min_by(|a, b| side(*a).total_cmp(&side(*b)))?;
+    let foot = [0, 1].map(|c| 0.5 * (corners[(at + 1) % 3][c] + corners[(at + 2) % 3][c]));
+    let (tip, length) = (corners[at], distance(corners[at], foot));
+    (length > 0.0).then(|| Arrow { tip, towards: [0, 1].map(|c| (tip[c] - foot[c]) / length), length })
+}

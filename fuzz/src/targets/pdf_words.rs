@@ -1,0 +1,33 @@
+//! Words of PDF files.
+
+/// PDF keywords and operators.
+pub(super) const PDF: &[&str] = &[
+    " 0 obj",
+    "endobj",
+    " 0 R",
+    "<<",
+    ">>",
+    "stream\n",
+    "endstream",
+    "trailer",
+    "/Length ",
+    "/Filter ",
+    "/FlateDecode",
+    "/ASCII85Decode",
+    "/RunLengthDecode",
+    "/DecodeParms<</Predictor 12/Columns 4>>",
+    "/Kids[",
+    "/Contents ",
+    "/Type/ObjStm",
+    "/XObject",
+    " cm ",
+    " re S ",
+    " c ",
+    " d ",
+    " Do ",
+    " BI ID ",
+    " EI ",
+    "q ",
+    "BT ",
+    " Tj ",
+];
