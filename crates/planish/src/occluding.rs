@@ -266,7 +266,6 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     let iou = agreement::agreements(&file.views, &meshes)?;
     findings.extend(agreement::hull_findings(&iou));
     findings.extend(surface.iter().flat_map(|surface| surface.findings.clone()));
-    findings.extend(sigma_finding(found.reduced_chi_square));
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = ProgressPart::new(progress, 0.5, 0.9);
     // Patches may fail. They are made before the first file is written.
@@ -313,7 +312,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         unit,
         inputs,
         written,
-        findings,
+        findings: findings.into_iter().chain(sigma_finding(found.reduced_chi_square)).collect(),
     })
 }
 
@@ -331,7 +330,8 @@ fn sigma_finding(chi_square: f64) -> Option<Finding> {
         false => "σ of the contours is too large, or the errors of neighbouring points are equal",
     };
     let text = format!(
-        "the contours scatter about smooth curves by {} of their stated σ (χ² {}): {cause}; the stated σ was used",
+        "the contours scatter about smooth curves by {} of their stated σ (χ² {}): {cause}; the stated σ was \
+         used",
         percent(factor),
         significant(chi_square, 2)
     );

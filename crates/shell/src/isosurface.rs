@@ -122,8 +122,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             let value = |at: DVec3| shell.level(at);
             let mesh = isosurface(&bounds.grown(high.max(0.0) + 2.0 * cell), cell, value, may_pass)?;
             if mesh.triangles.is_empty() {
-                let cause = "the thickness of the shell is below ln(T)/k (T: threshold, 1/k: softness): use a \
-                             larger thickness, a smaller threshold or a smaller softness";
+                let cause = "the thickness of the shell is below ln(T)/k (T: threshold, 1/k: softness): use \
+                             a larger thickness, a smaller threshold or a smaller softness";
                 return Err(empty(cell, &bounds, cause));
             }
             measured(mesh, cell, &|at| deviation(at, cell, &value), MAX_DEVIATION_SAMPLES)
@@ -154,8 +154,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             let mesh = dual_contour(&bounds.grown(around), cell, &field)?;
             if mesh.triangles.is_empty() {
                 let cause = format!(
-                    "the offset {offset} is more than half of the thickness inwards, or parts are thinner than \
-                     a cell ({cell}): use a smaller offset or smaller cells"
+                    "the offset {offset} is more than half of the thickness inwards, or parts are thinner \
+                     than a cell ({cell}): use a smaller offset or smaller cells"
                 );
                 return Err(empty(cell, &bounds, &cause));
             }
@@ -447,8 +447,7 @@ mod tests {
         assert!(empty.unwrap_err().to_string().contains("empty"));
     }
 
-    /// Triangles that face the wrong way do not change the surface: they are reversed first. A surface with one
-    /// side is refused.
+    /// Triangles that face the wrong way do not change the surface: they are reversed first.
     #[test]
     fn reversed_triangles_do_not_change_an_offset() {
         let ball = icosphere(1.0, 3);

@@ -9,31 +9,34 @@
 //! used, where both nearly agree and chord errors are smallest, with the mean of both.
 //!
 //! For each pair of patches, `z` is divided into a common displacement (a rigid motion and an offset along
-//! the normals, by least squares) with the mean square `m²`, and the rest with the robust variance `s²`
-//! (1.4826 · median of magnitudes). The ratio `r = m² + s²` is 1 for the right σ. How far it may differ from 1 by chance
-//! follows from the correlation of errors: a common displacement has one degree of freedom, and the rest has
-//! `ν = 2 n_b / c²`, where `c` is the coefficient of variation of its mean square among `n_b` batches of
-//! neighbours. With the right σ, `m²` has the expectation `1 − s²`, so that both make
+//! the normals, by least squares) with the mean square `m²`, and the rest with the robust variance `s²` (the
+//! 90 % quantile of magnitudes, divided by 1.645). The ratio `r = m² + s²` is 1 for the right σ. How far it
+//! may differ from 1 by chance follows from the correlation of errors: a common displacement has one degree
+//! of freedom, and the rest has `ν = 2 n_b / c²`, where `c` is the coefficient of variation of its mean
+//! square among `n_b` batches of neighbours. With the right σ, `m²` has the expectation `1 − s²`, so that both make
 //! `1 / (max(0, 1 − s²)² + s⁴/ν)` degrees of freedom.
 //!
 //! The factors `f_i` of the patches follow from `f_i² A_i + f_j² A_j = r_ij (A_i + A_j)`, where `A` are mean
-//! stated variances. Multiplicative steps from 1 keep them positive, and equal if only two patches overlap.
+//! stated variances. Multiplicative steps from the mean ratio keep them positive, and equal if only two
+//! patches overlap. If all ratios agree with their mean within chance, all patches have the same factor.
 //!
 //! Not guaranteed: errors common to all patches do not appear in differences. Differences do not show which
-//! of two patches is wrong; a third one does. Deviations of less than half of an overlap are taken for
+//! of two patches is wrong; a third one does. Deviations of less than a tenth of an overlap are taken for
 //! outliers.
 
 use super::MergePatch;
 use super::overlap::{GATE, MAX_ANGLE_RAD, PatchOverlap, median};
+use crate::deviation::quantile_of_sorted;
 use crate::search::MeshSearch;
 use nalgebra::{SMatrix, SVector};
 use planish_core::DVec3;
-use planish_estimate::{NestedBatches, chi_square_deviation, median_magnitude_scale};
+use planish_estimate::{NestedBatches, chi_square_deviation};
 use rayon::prelude::*;
 
 /// Minimum number of differences between two patches that are tested.
 const MIN_DIFFERENCES: usize = 50;
-/// Number of vertices of a patch that are compared with the others. More cost time and hardly change a median.
+/// Number of vertices of a patch that are compared with the others. More cost time and hardly change the
+/// result.
 const MAX_SAMPLES: usize = 20_000;
 /// Share of the differences that are used: those nearest to a corner.
 const USED_SHARE: usize = 4;
@@ -49,6 +52,17 @@ const MIN_FACTOR: f64 = 1.2;
 /// Differences cannot distinguish a σ that is too large from errors that patches share. Between both limits,
 /// smooth errors of a few degrees of freedom are common.
 const SHARED_FACTOR: f64 = 0.5;
+/// Quantile of magnitudes from which the scale follows, and the quantile of a standard normal variable.
+///
+/// Intervals of σ are used at 95 %. The median fits them to the middle of a distribution: with errors of
+/// Student's t with three degrees of freedom, it is 0.65 of the standard deviation, and this quantile 0.83. A
+/// higher one depends on outliers.
+const SCALE_QUANTILE: (f64, f64) = (0.9, 1.645);
+/// Efficiency of that quantile, relative to the mean square of normal errors.
+const EFFICIENCY: f64 = 0.6;
+/// Relative difference of ratios below which they count as equal, in addition to chance: chords and the
+/// correlation of the errors of corners make such differences.
+const RATIO_TOLERANCE: f64 = 0.2;
 /// Number of multiplicative steps. The factors of a chain of patches have converged to 1 % then.
 const STEPS: usize = 200;
 
@@ -88,6 +102,8 @@ struct PairCheck {
     ratio: f64,
     /// Its part by a common displacement.
     displaced: f64,
+    /// Degrees of freedom of the ratio.
+    freedom: f64,
     verdict: SigmaVerdict,
 }
 
@@ -245,7 +261,7 @@ fn compared(patches: [usize; 2], mut differences: Vec<Difference>) -> Option<Pai
         differences.iter().map(|d| d.height / (d.variances[0] + d.variances[1]).sqrt()).collect();
     let common = common_displacement(&differences, &z);
     let rest: Vec<f64> = z.iter().zip(&common).map(|(z, c)| z - c).collect();
-    let scale = median_magnitude_scale(&rest).ok()?.powi(2);
+    let scale = robust_scale(&rest).powi(2);
     let displaced = common.iter().map(|c| c * c).sum::<f64>() / count;
     let freedom = degrees_of_freedom(&differences, &rest, scale);
     let ratio = displaced + scale;
@@ -263,7 +279,15 @@ fn compared(patches: [usize; 2], mut differences: Vec<Difference>) -> Option<Pai
         SigmaVerdict::Consistent
     };
     let mean = |k: usize| differences.iter().map(|d| d.variances[k]).sum::<f64>() / count;
-    Some(PairCheck { patches, count: used, variances: [mean(0), mean(1)], ratio, displaced, verdict })
+    Some(PairCheck {
+        patches,
+        count: used,
+        variances: [mean(0), mean(1)],
+        ratio,
+        displaced,
+        freedom: observed.max(1.0),
+        verdict,
+    })
 }
 
 /// The part of each normalised difference that a rigid motion and an offset along the normals explain.
@@ -299,7 +323,7 @@ fn common_displacement(differences: &[Difference], z: &[f64]) -> Vec<f64> {
         let solution = factor.solve(&sum);
         common = differences.iter().map(|d| row(d).dot(&solution)).collect();
         let rest: Vec<f64> = z.iter().zip(&common).map(|(z, c)| z - c).collect();
-        limit = median_magnitude_scale(&rest).map_or(f64::INFINITY, |scale| 4.0 * scale);
+        limit = 4.0 * robust_scale(&rest);
     }
     common
 }
@@ -321,14 +345,32 @@ fn degrees_of_freedom(differences: &[Difference], rest: &[f64], scale: f64) -> f
     let mean = squares.iter().sum::<f64>() / count;
     let variance = squares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
     let freedom = 2.0 * count * mean * mean / variance.max(f64::MIN_POSITIVE);
-    // Independent differences have one each; the median has 0.37 of the efficiency of a mean square.
-    freedom.clamp(1.0, 0.37 * rest.len() as f64)
+    // Independent differences have one each.
+    freedom.clamp(1.0, EFFICIENCY * rest.len() as f64)
+}
+
+/// The standard deviation of normal values with the same quantile of magnitudes.
+fn robust_scale(values: &[f64]) -> f64 {
+    let mut magnitudes: Vec<f64> = values.iter().map(|x| x.abs()).collect();
+    magnitudes.sort_unstable_by(f64::total_cmp);
+    quantile_of_sorted(&magnitudes, SCALE_QUANTILE.0) / SCALE_QUANTILE.1
 }
 
 /// Factors of σ of the patches.
 fn factors_of(patches: usize, pairs: &[PairCheck]) -> Vec<f64> {
-    let mut squares = vec![1.0; patches];
-    for _ in 0..STEPS {
+    let weights: f64 = pairs.iter().map(|pair| pair.freedom).sum();
+    let common = pairs.iter().map(|pair| pair.freedom * pair.ratio).sum::<f64>() / weights;
+    if !(common > 0.0) {
+        return vec![1.0; patches];
+    }
+    // χ²/ν has the variance 2/ν.
+    let is_common = |pair: &PairCheck| {
+        let limit = SIGNIFICANT * (2.0 / pair.freedom).sqrt() + RATIO_TOLERANCE;
+        (pair.ratio / common - 1.0).abs() <= limit
+    };
+    let mut squares = vec![common; patches];
+    let steps = if pairs.iter().all(is_common) { 0 } else { STEPS };
+    for _ in 0..steps {
         let (mut wanted, mut predicted) = (vec![0.0; patches], vec![0.0; patches]);
         for pair in pairs {
             let stated = pair.variances[0] + pair.variances[1];
@@ -345,6 +387,9 @@ fn factors_of(patches: usize, pairs: &[PairCheck]) -> Vec<f64> {
                 *square *= wanted / predicted;
             }
         }
+    }
+    if steps == 0 {
+        return squares.into_iter().map(f64::sqrt).collect();
     }
     // No patch is better than the best of its overlaps shows: a difference that the model of factors cannot
     // explain would otherwise make a third patch look exact.

@@ -72,15 +72,15 @@ fn too_small_finding(
         "{name}: the differences from other patches indicate that its σ is {times} times the stated \
          value{wrong}"
     );
-    // An alignment removes rigid motions, so what is left is no reason to align again.
     if check.displaced_share > MIN_DISPLACED_SHARE {
         let text = format!(
-            "{shows}: it is displaced by {} {unit} (rms), which explains {} of the differences; align the \
-             patches, or correct its bias; {used}",
-            significant(check.displacement, 2),
-            percent(check.displaced_share)
+            "{shows}: {} of the differences are a common displacement of {} {unit} (rms), by an error of its \
+             pose or a bias; {used}",
+            percent(check.displaced_share),
+            significant(check.displacement, 2)
         );
         let finding = Finding::new(FindingCode::SensorSigmaMisstated, text);
+        // What an alignment left is no reason to align again.
         let finding = match options.align {
             true => finding,
             false => finding.with_setting(Setting::Align),

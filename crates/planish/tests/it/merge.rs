@@ -422,6 +422,9 @@ fn misaligned_patches_are_aligned_first() {
     // Without an alignment, the patch is named, and its σ includes its displacement.
     let left = merged(false).expect("a merged mesh");
     let told = texts(&left, FindingCode::SensorSigmaMisstated);
-    assert!(told.iter().any(|text| text.starts_with("patch 2:") && text.contains("displaced")), "{told:?}");
+    assert!(
+        told.iter().any(|text| text.starts_with("patch 2:") && text.contains("common displacement")),
+        "{told:?}"
+    );
     assert!(errors(&left).1 > 1.2 * rms && errors(&left).0 < 1.5, "{:?} {rms}", errors(&left));
 }
