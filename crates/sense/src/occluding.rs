@@ -136,8 +136,6 @@ pub struct OccludingPoint {
     pub radius: f64,
     /// σ of the radius.
     pub sigma_radius: f64,
-    /// The least radius that agrees with the neighbours: two σ below their median. 0 at a sharp edge.
-    pub least_radius: f64,
     /// Index of its strip; the largest is 0.
     pub strip: usize,
     /// Distance of the adjacent points in neighbouring views and on the same contour.
@@ -197,7 +195,7 @@ impl OccludingContours {
                 if index[v] == u32::MAX {
                     index[v] = positions.len() as u32;
                     positions.push(self.relaxed[v]);
-                    sigma.push(self.sigma_of_vertex(v));
+                    sigma.push(self.points[v].sigma_along_normal());
                 }
                 index[v]
             }));
@@ -206,16 +204,6 @@ impl OccludingContours {
             return Err(Error::undetermined(format!("strip {} has no triangles", strip + 1)));
         }
         Ok((TriangleMesh::try_new(positions, triangles)?, sigma))
-    }
-
-    /// σ along the normal of a vertex of a mesh: that of its point, and what the regularisation of its depth
-    /// may have moved it off the surface. A motion `d` along the line of sight, which touches the surface,
-    /// leads off it by `d²/2R`, and by at most `d` at a sharp edge.
-    fn sigma_of_vertex(&self, v: usize) -> f64 {
-        let point = &self.points[v];
-        let moved = self.relaxed[v].distance(point.position);
-        let radius = point.least_radius.max(f64::MIN_POSITIVE);
-        point.sigma_along_normal().hypot((0.5 * moved * moved / radius).min(moved))
     }
 
     /// The points of one strip, or of all, as a scan.
@@ -263,8 +251,7 @@ struct Spot {
 ///
 /// σ is of first order in the σ of the contours, with two more terms. Along the line of sight it includes the
 /// model error of the circle (see `circle`), from the radii of adjacent views. Along the normal it includes
-/// the effect `δ²/2R` of an error `δ` of the depth, with the least `R` that agrees with the neighbours.
-/// Errors of the cameras are not included.
+/// the effect `δ²/2R` of an error `δ` of the depth. Errors of the cameras are not included.
 ///
 /// Cost: for each point along a contour, one pass over the contours of two views and over the silhouettes of
 /// all.

@@ -17,8 +17,8 @@
 //! `1 / (max(0, 1 − s²)² + s⁴/ν)` degrees of freedom.
 //!
 //! The factors `f_i` of the patches follow from `f_i² A_i + f_j² A_j = r_ij (A_i + A_j)`, where `A` are mean
-//! stated variances. Multiplicative steps from the mean ratio keep them positive, and equal if only two
-//! patches overlap. If all ratios agree with their mean within chance, all patches have the same factor.
+//! stated variances. Multiplicative steps from 1 keep them positive, and equal if only two
+//! patches overlap.
 //!
 //! Not guaranteed: errors common to all patches do not appear in differences. Differences do not show which
 //! of two patches is wrong; a third one does. Deviations of less than a tenth of an overlap are taken for
@@ -60,9 +60,6 @@ const SHARED_FACTOR: f64 = 0.5;
 const SCALE_QUANTILE: (f64, f64) = (0.9, 1.645);
 /// Efficiency of that quantile, relative to the mean square of normal errors.
 const EFFICIENCY: f64 = 0.6;
-/// Relative difference of ratios below which they count as equal, in addition to chance: chords and the
-/// correlation of the errors of corners make such differences.
-const RATIO_TOLERANCE: f64 = 0.2;
 /// Number of multiplicative steps. The factors of a chain of patches have converged to 1 % then.
 const STEPS: usize = 200;
 
@@ -102,8 +99,6 @@ struct PairCheck {
     ratio: f64,
     /// Its part by a common displacement.
     displaced: f64,
-    /// Degrees of freedom of the ratio.
-    freedom: f64,
     verdict: SigmaVerdict,
 }
 
@@ -279,15 +274,7 @@ fn compared(patches: [usize; 2], mut differences: Vec<Difference>) -> Option<Pai
         SigmaVerdict::Consistent
     };
     let mean = |k: usize| differences.iter().map(|d| d.variances[k]).sum::<f64>() / count;
-    Some(PairCheck {
-        patches,
-        count: used,
-        variances: [mean(0), mean(1)],
-        ratio,
-        displaced,
-        freedom: observed.max(1.0),
-        verdict,
-    })
+    Some(PairCheck { patches, count: used, variances: [mean(0), mean(1)], ratio, displaced, verdict })
 }
 
 /// The part of each normalised difference that a rigid motion and an offset along the normals explain.
@@ -358,19 +345,8 @@ fn robust_scale(values: &[f64]) -> f64 {
 
 /// Factors of σ of the patches.
 fn factors_of(patches: usize, pairs: &[PairCheck]) -> Vec<f64> {
-    let weights: f64 = pairs.iter().map(|pair| pair.freedom).sum();
-    let common = pairs.iter().map(|pair| pair.freedom * pair.ratio).sum::<f64>() / weights;
-    if !(common > 0.0) {
-        return vec![1.0; patches];
-    }
-    // χ²/ν has the variance 2/ν.
-    let is_common = |pair: &PairCheck| {
-        let limit = SIGNIFICANT * (2.0 / pair.freedom).sqrt() + RATIO_TOLERANCE;
-        (pair.ratio / common - 1.0).abs() <= limit
-    };
-    let mut squares = vec![common; patches];
-    let steps = if pairs.iter().all(is_common) { 0 } else { STEPS };
-    for _ in 0..steps {
+    let mut squares = vec![1.0; patches];
+    for _ in 0..STEPS {
         let (mut wanted, mut predicted) = (vec![0.0; patches], vec![0.0; patches]);
         for pair in pairs {
             let stated = pair.variances[0] + pair.variances[1];
@@ -387,9 +363,6 @@ fn factors_of(patches: usize, pairs: &[PairCheck]) -> Vec<f64> {
                 *square *= wanted / predicted;
             }
         }
-    }
-    if steps == 0 {
-        return squares.into_iter().map(f64::sqrt).collect();
     }
     // No patch is better than the best of its overlaps shows: a difference that the model of factors cannot
     // explain would otherwise make a third patch look exact.

@@ -20,14 +20,6 @@ const MAX_NEIGHBOUR_STEPS: f64 = 4.0;
 /// Number of neighbours on either side whose changes of radius are averaged. More reduce noise and blur
 /// changes along the contour.
 const AVERAGED_NEIGHBOURS: usize = 3;
-/// Numbers of neighbours on either side, along the contour and in other views, whose radii give the least
-/// radius of a point. A single radius has a σ of its own size: it is a second difference of three views.
-const RADIUS_NEIGHBOURS: [usize; 2] = [8, 4];
-/// σ by which the least radius is below the median of the radii.
-const RADIUS_SIGMAS: f64 = 2.0;
-/// Variance of the median of radii over that of a mean of independent ones: π/2 for the median, and a factor
-/// of 2 for windows that overlap and views that are shared.
-const RADIUS_VARIANCE: f64 = 3.14;
 /// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
 const MAX_NORMAL_DEG: f64 = 60.0;
 
@@ -89,12 +81,8 @@ pub(super) fn joined(
     let changes: Vec<f64> = keys.iter().map(|key| changing(ready, neighbours, places, *key)).collect();
     let of_key: std::collections::BTreeMap<Key, usize> =
         keys.iter().enumerate().map(|(k, key)| (*key, k)).collect();
-    let mut points: Vec<OccludingPoint> = (keys.iter())
-        .map(|key| {
-            let least = least_radius(ready, neighbours, places, *key);
-            point(ready, places, &of_key, &changes, (*key, least))
-        })
-        .collect();
+    let mut points: Vec<OccludingPoint> =
+        (keys.iter()).map(|key| point(ready, places, &of_key, &changes, *key)).collect();
     // Strips, by links along contours and between views.
     let mut strips = DisjointSets::new(keys.len());
     let mut reach = vec![0.0_f64; keys.len()];
@@ -232,45 +220,12 @@ fn changing(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Pla
     ((b.0 - a.0).powi(2) - a.1 - b.1) / (turn * turn)
 }
 
-/// Two σ below the median of the radii around a point, at least 0. The median, because radii are arbitrary
-/// where the contour changes from one edge to another.
-fn least_radius(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Places, key: Key) -> f64 {
-    let [along, across] = RADIUS_NEIGHBOURS;
-    let mut of_views = vec![key];
-    for side in 0..2 {
-        let mut at = key;
-        for _ in 0..across {
-            match linked(ready, neighbours, places, at, side) {
-                Some(next) if found(places, next).is_some() => at = next,
-                _ => break,
-            }
-            of_views.push(at);
-        }
-    }
-    let (mut radii, mut information) = (Vec::new(), 0.0);
-    for (view, line, place) in of_views {
-        let count = places[view][line].len() as isize;
-        let closed = ready[view].lines[line].curve.closed();
-        for by in -(along as isize)..=along as isize {
-            let k = place as isize + by;
-            let k = if closed { k.rem_euclid(count) } else { k };
-            let Ok(k) = usize::try_from(k) else { continue };
-            let Some(Ok(other)) = places[view][line].get(k) else { continue };
-            radii.push(other.placed.solved.radius);
-            information += 1.0 / other.placed.radius.max(f64::MIN_POSITIVE);
-        }
-    }
-    let middle = radii.len() / 2;
-    let (_, median, _) = radii.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median - RADIUS_SIGMAS * (RADIUS_VARIANCE / information).sqrt()).max(0.0)
-}
-
 fn point(
     ready: &[Ready<'_>],
     places: &Places,
     of_key: &std::collections::BTreeMap<Key, usize>,
     changes: &[f64],
-    (key, least_radius): (Key, f64),
+    key: Key,
 ) -> OccludingPoint {
     let Some(own) = found(places, key) else { unreachable!("keys are of places that were found") };
     let (view, line, place) = key;
@@ -293,10 +248,9 @@ fn point(
     let mut covariance = own.placed.covariance;
     add_along(&mut covariance, own.sight.way, circle * circle);
     let depth = own.placed.depth + circle * circle;
+    // An error δ along the line of sight moves the point off the surface by δ²/2R, but at most by δ.
     let radius = solved.radius.max(own.placed.radius.sqrt());
-    // An error δ along the line of sight moves the point off the surface by δ²/2R, but at most by δ: at a
-    // sharp edge, the line of sight leaves the surface at once.
-    let bend = (0.75 * depth * depth / (least_radius * least_radius)).min(depth);
+    let bend = (0.75 * depth * depth / (radius * radius)).min(depth);
     add_along(&mut covariance, own.sight.normal, bend);
     // An error of depth tilts the normal about the tangent of the contour; an error of the tangent tilts it
     // about the line of sight.
@@ -314,7 +268,6 @@ fn point(
         sigma_circle: circle,
         radius: solved.radius,
         sigma_radius: own.placed.radius.sqrt(),
-        least_radius,
         strip: 0,
         reach: 0.0,
     }

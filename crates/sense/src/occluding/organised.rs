@@ -9,8 +9,7 @@
 //! of a point about these midpoints is estimated from the strip, as the median over its points less the
 //! contribution of σ (the spline of C. Zhao and R. Mohr, *Relative 3D regularized B-spline surface
 //! reconstruction
-//! through image sequences*, ECCV 1994, serves the same end). Midpoints that contradict a point are not used:
-//! there, contours change from one sharp edge to another. Covariances stay those of the measurements.
+//! through image sequences*, ECCV 1994, serves the same end). Covariances stay those of the measurements.
 //!
 //! Not guaranteed: triangles at sharp edges fold or degenerate, and are omitted.
 
@@ -27,8 +26,6 @@ const MAX_STEPS: usize = 8;
 /// Minimum cosine between the normal of a triangle and the normals of its corners: 73°. Triangles across a
 /// fold face away from their corners.
 const MIN_COSINE: f64 = 0.3;
-/// Maximum distance of a point from the midpoint of its neighbours, in σ, for a mean of both.
-const MAX_MIDPOINT_SIGMAS: f64 = 3.0;
 /// Median square of a normal distribution divided by its variance.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
@@ -55,7 +52,7 @@ fn reversed(next: &[Option<usize>]) -> Vec<Option<usize>> {
 /// Positions with relaxed depths; `ways` are the lines of sight.
 pub(super) fn relaxed(points: &[OccludingPoint], ways: &[DVec3], following: &Following) -> Vec<DVec3> {
     let mut positions: Vec<DVec3> = points.iter().map(|p| p.position).collect();
-    let mut pairs: Vec<[Option<[usize; 2]>; 2]> = {
+    let pairs: Vec<[Option<[usize; 2]>; 2]> = {
         let both = |next: &[Option<usize>]| -> Vec<Option<[usize; 2]>> {
             let before = reversed(next);
             (before.iter().zip(next)).map(|(a, b)| Some([(*a)?, (*b)?])).collect()
@@ -83,18 +80,6 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[DVec3], following: &Fol
             // The median, because a few points at sharp edges deviate arbitrarily.
             squares.sort_by(f64::total_cmp);
             *spread = squares.get(squares.len() / 2).copied().unwrap_or(0.0).max(0.0);
-        }
-    }
-    // Decided before the first round, by the measured depths. The mean would round edges, and move points off
-    // the surface by far more than their σ.
-    for k in 0..points.len() {
-        for kind in 0..2 {
-            let Some(pair) = pairs[k][kind] else { continue };
-            let others: f64 = pair.iter().map(|j| points[*j].sigma_depth.powi(2)).sum();
-            let variance = points[k].sigma_depth.powi(2) + 0.25 * others + spread[points[k].strip][kind];
-            if off(&positions, k, pair).powi(2) > MAX_MIDPOINT_SIGMAS * MAX_MIDPOINT_SIGMAS * variance {
-                pairs[k][kind] = None;
-            }
         }
     }
     for _ in 0..ROUNDS {
