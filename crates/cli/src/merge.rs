@@ -38,6 +38,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         fill: args.fill,
         curvature: args.curvature,
         align: args.align,
+        believe_sigma: args.believe_sigma,
     };
     let job = MergeJob {
         patches: args.patches.clone(),
@@ -86,6 +87,9 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     }
     if args.align {
         all.push("--align".to_owned());
+    }
+    if args.believe_sigma {
+        all.push("--believe-sigma".to_owned());
     }
     if args.curvature {
         all.push("--curvature".to_owned());

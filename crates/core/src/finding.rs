@@ -283,6 +283,8 @@ codes! {
     MeshFolded = "mesh-folded", Warning: "The mesh folded over at some edges.",
     MeshStretched = "mesh-stretched", Warning: "Edges of the mesh grew far more than others.",
     FacetLimit = "facet-limit", Warning: "The maximum number of facets is too small for spherical metaballs.",
+    DeviationLarge = "deviation-large", Warning:
+        "A meshed surface is farther than a cell from the exact surface somewhere.",
     PartsLost = "parts-lost", Warning: "Parts thinner than a cell are missing in a meshed surface.",
     FacetsInconsistent = "facets-inconsistent", Warning:
         "The facets of the mesh do not all face the same way.",

@@ -80,8 +80,8 @@ pub use filling::{Filled, HoleLimit, fill_holes};
 pub use isosurface::isosurface;
 pub use merge::{
     CommonRegion, FusedVertices, ManifoldPatch, MergePatch, NoiseCorrelation, Overlap, OverlapFoot,
-    OverlapOptions, PatchOverlap, StitchOptions, StitchedMesh, fuse_patches, noise_correlation, searches_of,
-    stitch_patches, taper,
+    OverlapOptions, PatchOverlap, SigmaCheck, SigmaVerdict, StitchOptions, StitchedMesh, fuse_patches,
+    noise_correlation, searches_of, stitch_patches, taper,
 };
 pub use mesh::{Distortion, MeshCheck, TriangleMesh};
 pub use neighbours::Neighbours;

@@ -14,6 +14,7 @@
 //! Not guaranteed: watertightness where there is no patch. Patches that differ by more than ε stay separate.
 
 mod border;
+mod consistency;
 mod front;
 mod manifold;
 mod overlap;
@@ -21,6 +22,7 @@ mod ownership;
 mod shared_noise;
 mod valence;
 
+pub use consistency::{SigmaCheck, SigmaVerdict};
 pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap, searches_of};
 pub use shared_noise::{NoiseCorrelation, noise_correlation};
 
@@ -179,8 +181,9 @@ pub fn taper(to_border: f64, spacing: f64) -> f64 {
 ///
 /// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, where `h` is the height over the vertex. The factor
 /// `t` ([`taper`]) rises from 0 at the border of a patch to 1 inside, so that no step remains where a patch
-/// ends. Errors of different patches are assumed to be independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The result
-/// does not depend on the order of the patches.
+/// ends. Errors of different patches are assumed to be independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. Of errors
+/// that count as shared ([`PatchOverlap::shared_variance`]), the mean of σ is added. The result does not
+/// depend on the order of the patches.
 #[must_use]
 pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVertices> {
     patches
@@ -192,6 +195,9 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
                 // Not zero at the border: without another patch, the mean would be 0/0.
                 let own = taper(own_overlap.to_border[v], own_overlap.spacing[v]).max(1e-6);
                 let (mut weight, mut squares, mut sum) = (own / variance, own * own / variance, 0.0);
+                // Weighted sums of the variances of own errors and of the σ of errors that patches share.
+                let mut shared = own / variance * (own_overlap.shared_variance * variance).sqrt();
+                squares *= 1.0 - own_overlap.shared_variance;
                 // Feet beyond a border would extrapolate the other patch.
                 for foot in own_overlap.feet(v).iter().filter(|f| !f.beyond_border) {
                     let (other, other_overlap) =
@@ -202,13 +208,14 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
                     let t = taper(read(&other_overlap.to_border), read(&other_overlap.spacing));
                     let w = t / (sigma * sigma);
                     weight += w;
-                    squares += t * w;
+                    squares += t * w * (1.0 - other_overlap.shared_variance);
+                    shared += w * sigma * other_overlap.shared_variance.sqrt();
                     // Heights are relative to this vertex, so its own height is zero and adds nothing to
                     // the sum.
                     sum += w * foot.height;
                 }
                 let position = patch.mesh.positions[v] + sum / weight * own_overlap.normals[v];
-                (position, squares.sqrt() / weight)
+                (position, squares.sqrt().hypot(shared) / weight)
             };
             let (positions, sigma) = (0..patch.mesh.positions.len()).into_par_iter().map(at).unzip();
             FusedVertices { positions, sigma }

@@ -9,6 +9,7 @@ use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 
 mod check;
+mod orientation;
 
 use crate::edges::EdgeTable;
 use crate::triangle;

@@ -13,11 +13,13 @@
 mod align;
 mod common_surface;
 mod completion;
+mod copies;
 mod inspection;
 mod outcome;
 mod page;
 mod patches;
 mod ready;
+mod sigma_check;
 mod spline;
 
 use crate::job::Job;
@@ -83,6 +85,9 @@ pub struct MergeOptions {
     pub epsilon: Option<Length>,
     /// θ in degrees: maximum angle between the normals of the same place.
     pub theta_deg: Option<f64>,
+    /// Whether σ of patches are used as stated. Otherwise they are tested in the overlaps, and enlarged if
+    /// the differences show that they are too small.
+    pub believe_sigma: bool,
     /// Fill holes with at most this many edges, none if 0. If not specified, holes narrower than
     /// [`MAX_NARROW_WIDTH`] edges are filled.
     pub fill: Option<usize>,

@@ -31,6 +31,7 @@ use planish_exchange::ply::write_scan;
 use planish_exchange::views::{ViewFile, read_views};
 use planish_exchange::{Unit, extension};
 use planish_mesh::{BoundingBox, TriangleMesh};
+use planish_report::numbers::{percent, significant};
 use planish_sense::SilhouetteOptions;
 use planish_sense::occluding::{
     Contour, ContourView, OccludingContours, OccludingPoint, SilhouetteBound, VisualHull, occluding_contours,
@@ -44,6 +45,9 @@ use std::path::{Path, PathBuf};
 /// Correlation length of the border of a smoothed mask, in σ of the smoothing: the integral of the
 /// autocorrelation `exp(−x²/4)` of a Gaussian kernel, 2 √π.
 const CORRELATION_LENGTH: f64 = 3.545;
+/// Factors between the scatter of contours and their stated σ that are not reported, as for the fit of a
+/// shell.
+const ACCEPTED_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
 /// Margin of the hull's box around the points, relative to their size. Occluding contours miss hollow and
 /// hidden parts, so the object may reach beyond its points.
 const HULL_MARGIN: f64 = 0.15;
@@ -308,8 +312,30 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         unit,
         inputs,
         written,
-        findings,
+        findings: findings.into_iter().chain(sigma_finding(found.reduced_chi_square)).collect(),
     })
+}
+
+/// A finding if the residuals of the contours contradict their stated σ.
+///
+/// Points depend on σ alone, so no factor is applied: low residuals do not show whether σ is too large or the
+/// errors of neighbours are equal, which the residuals about a curve do not contain.
+fn sigma_finding(chi_square: f64) -> Option<Finding> {
+    let factor = chi_square.sqrt();
+    if !(factor.is_finite() && !(ACCEPTED_FACTORS[0]..=ACCEPTED_FACTORS[1]).contains(&factor)) {
+        return None;
+    }
+    let cause = match factor > 1.0 {
+        true => "σ of the contours is too small, or they have more detail than the window",
+        false => "σ of the contours is too large, or the errors of neighbouring points are equal",
+    };
+    let text = format!(
+        "the contours scatter about smooth curves by {} of their stated σ (χ² {}): {cause}; the stated σ was \
+         used",
+        percent(factor),
+        significant(chi_square, 2)
+    );
+    Some(Finding::new(FindingCode::ResidualsInconsistent, text))
 }
 
 /// Views that shape the result; held-out ones only judge it.

@@ -17,17 +17,18 @@
 //! Not guaranteed: parts thinner than a cell are lost.
 
 use crate::field::Shell;
-use planish_core::DVec3;
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 use planish_mesh::{
     DistanceField, MeshCheck, MeshSearch, TriangleMesh, WindingNumbers, dual_contour, isosurface,
 };
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Default number of cells along the diagonal of the mesh. More cells resolve more detail; time grows with
 /// their square.
 const DEFAULT_CELLS: f64 = 150.0;
+/// Cells above this share of the size of an object may miss it altogether.
+const MAX_CELL_SHARE: f64 = 0.25;
 /// Distance from the mesh, relative to the coordinates, below which a point lies on it within rounding.
 const ON_MESH: f64 = 1e-9;
 /// Cells between the surface and the start of the grid, of no simple ratio.
@@ -77,6 +78,8 @@ pub struct IsoSurface {
     pub deviation_max: f64,
     /// Number of pairs of triangles that intersect.
     pub self_intersections: usize,
+    /// Number of triangles of the original that faced the other way than their neighbours and were reversed.
+    pub reversed: usize,
     /// Number of closed sheets that cannot be reached from outside and were left out.
     pub enclosed: usize,
     /// Area of the mesh whose exact surface has no triangle within a cell, relative to all area that has an
@@ -88,7 +91,7 @@ pub struct IsoSurface {
 ///
 /// # Errors
 /// `Input` for an invalid cell size or offset; `Undetermined` if the surface needs an inside and the mesh is
-/// open, or if the surface is empty; `Unsupported` for too many cells.
+/// open or has one side only, or if the surface is empty; `Unsupported` for too many cells.
 ///
 /// # Examples
 /// ```
@@ -118,6 +121,11 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             };
             let value = |at: DVec3| shell.level(at);
             let mesh = isosurface(&bounds.grown(high.max(0.0) + 2.0 * cell), cell, value, may_pass)?;
+            if mesh.triangles.is_empty() {
+                let cause = "the thickness of the shell is below ln(T)/k (T: threshold, 1/k: softness): use \
+                             a larger thickness, a smaller threshold or a smaller softness";
+                return Err(empty(cell, &bounds, cause));
+            }
             measured(mesh, cell, &|at| deviation(at, cell, &value), MAX_DEVIATION_SAMPLES)
         }
         IsoLevel::Outer(distance) if !(distance.is_finite() && distance > 0.0) => {
@@ -144,13 +152,33 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             // make triangles without area.
             let around = offset.max(0.0) + GRID_START * cell;
             let mesh = dual_contour(&bounds.grown(around), cell, &field)?;
+            if mesh.triangles.is_empty() {
+                let cause = format!(
+                    "the offset {offset} is more than half of the thickness inwards, or parts are thinner \
+                     than a cell ({cell}): use a smaller offset or smaller cells"
+                );
+                return Err(empty(cell, &bounds, &cause));
+            }
             // Before enclosed parts are left out, which are no loss.
             let lost = lost_area_fraction(shell.mesh(), &mesh, &field, cell)?;
             let (mesh, enclosed) = if is_outer { reachable_parts(mesh) } else { (mesh, 0) };
             let found = measured(mesh, cell, &|at| field.distance(at).abs(), usize::MAX)?;
-            Ok(IsoSurface { enclosed, lost_area_fraction: Some(lost), ..found })
+            Ok(IsoSurface { enclosed, reversed: field.reversed, lost_area_fraction: Some(lost), ..found })
         }
     }
+}
+
+/// Error about an empty surface: cells that are too large, or another cause.
+fn empty(cell: f64, bounds: &BoundingBox, cause: &str) -> Error {
+    let size = bounds.longest_side();
+    let cause = match cell > MAX_CELL_SHARE * size {
+        true => format!(
+            "the cells ({cell}) are too large for an object of size {size}: use cells of at most {}",
+            size / 10.0
+        ),
+        false => cause.to_owned(),
+    };
+    Error::undetermined(format!("the surface is empty: {cause}"))
 }
 
 /// The distance of a point from a surface at an offset from a mesh.
@@ -159,6 +187,8 @@ struct ExactDistance {
     offset: f64,
     /// How inside and outside differ; `None` if the distance has no sign.
     sides: Option<Sides>,
+    /// Number of triangles that were reversed to face the same way as their neighbours.
+    reversed: usize,
 }
 
 /// How points inside of a closed mesh are recognised.
@@ -172,11 +202,10 @@ enum Sides {
 impl ExactDistance {
     /// The distance has a sign if the mesh is closed. With `may_be_open`, it may be open.
     fn new(mesh: &TriangleMesh, offset: f64, may_be_open: bool) -> Result<Self> {
-        let search = MeshSearch::try_new(mesh)?;
-        let welded = welded(mesh);
+        let welded = mesh.welded();
         let check = welded.check();
         if check.boundary_edges > 0 && may_be_open {
-            return Ok(Self { search, offset, sides: None });
+            return Ok(Self { search: MeshSearch::try_new(mesh)?, offset, sides: None, reversed: 0 });
         }
         if check.boundary_edges > 0 {
             return Err(Error::undetermined(format!(
@@ -185,12 +214,18 @@ impl ExactDistance {
                 check.boundary_edges
             )));
         }
-        let clean = check.manifold && check.components == 1 && search.self_crossings().pairs == 0;
-        let sides = match welded.signed_volume() {
-            Some(volume) if clean && volume != 0.0 => Sides::ByNormal(volume.signum()),
-            _ => Sides::ByWinding(WindingNumbers::new(mesh)),
+        // Signs follow from the side that faces outwards, by normals as well as by winding numbers.
+        let (oriented, reversed) = match check.misoriented_edges {
+            0 => (welded, 0),
+            _ => welded.consistently_oriented()?,
         };
-        Ok(Self { search, offset, sides: Some(sides) })
+        let search = MeshSearch::try_new(&oriented)?;
+        let clean = check.manifold && check.components == 1 && search.self_crossings().pairs == 0;
+        let sides = match oriented.signed_volume() {
+            Some(volume) if clean && volume != 0.0 => Sides::ByNormal(volume.signum()),
+            _ => Sides::ByWinding(WindingNumbers::new(&oriented)),
+        };
+        Ok(Self { search, offset, sides: Some(sides), reversed })
     }
 }
 
@@ -321,12 +356,6 @@ fn measured(
     deviation: &(impl Fn(DVec3) -> f64 + Sync),
     samples: usize,
 ) -> Result<IsoSurface> {
-    if mesh.triangles.is_empty() {
-        return Err(Error::undetermined(
-            "the surface is empty: expected a thickness above ln(T)/k, an inner offset below half the \
-             thickness of the object, and cells smaller than either",
-        ));
-    }
     let every = mesh.triangles.len().div_ceil(samples).max(1);
     let deviations: Vec<f64> = (0..mesh.triangles.len())
         .into_par_iter()
@@ -340,6 +369,7 @@ fn measured(
         deviation_rms: (deviations.iter().map(|d| d * d).sum::<f64>() / deviations.len() as f64).sqrt(),
         deviation_max: deviations.iter().copied().fold(0.0, f64::max),
         enclosed: 0,
+        reversed: 0,
         lost_area_fraction: None,
         mesh,
     })
@@ -357,19 +387,6 @@ fn deviation(at: DVec3, cell: f64, value: &(impl Fn(DVec3) -> f64 + Sync)) -> f6
     }));
     // The value is a distance, whose slope is 1. On a ridge between two facets the difference is smaller.
     at_point.abs() / slope.length().clamp(0.5, 1.0)
-}
-
-/// A mesh with coincident vertices merged.
-fn welded(mesh: &TriangleMesh) -> TriangleMesh {
-    let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
-    let merged_into: Vec<u32> = (mesh.positions.iter().enumerate())
-        // Adding zero turns −0 into 0, whose bits differ.
-        .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
-        .collect();
-    TriangleMesh {
-        positions: mesh.positions.clone(),
-        triangles: mesh.triangles.iter().map(|t| t.map(|v| merged_into[v as usize])).collect(),
-    }
 }
 
 #[cfg(test)]
@@ -428,6 +445,36 @@ mod tests {
         let thin = Shell::new(&sheet, &thin).unwrap();
         let empty = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });
         assert!(empty.unwrap_err().to_string().contains("empty"));
+    }
+
+    /// Triangles that face the wrong way do not change the surface: they are reversed first.
+    #[test]
+    fn reversed_triangles_do_not_change_an_offset() {
+        let ball = icosphere(1.0, 3);
+        let options = ShellOptions::new(Metaball::Triangular, 60.0);
+        for (offset, every) in [(0.0, 3), (0.2, 4), (-0.1, 7)] {
+            let right = made(&ball, &options, IsoLevel::Offset(offset), 0.1);
+            let mut mixed = ball.clone();
+            mixed.triangles.iter_mut().step_by(every).for_each(|t| t.swap(0, 1));
+            let found = made(&mixed, &options, IsoLevel::Offset(offset), 0.1);
+            assert_eq!(found.reversed, ball.triangles.len().div_ceil(every));
+            assert_eq!(right.reversed, 0);
+            let volume = |made: &IsoSurface| made.mesh.signed_volume().unwrap();
+            assert!((volume(&found) / volume(&right) - 1.0).abs() < 1e-9, "{offset}");
+            assert!(found.deviation_max < 0.05);
+        }
+    }
+
+    /// Cells that are larger than the object are named as the cause.
+    #[test]
+    fn cells_larger_than_the_object_are_named() {
+        let ball = icosphere(1.0, 2);
+        let shell = Shell::new(&ball, &ShellOptions::new(Metaball::Triangular, 60.0)).unwrap();
+        for level in [IsoLevel::Offset(0.0), IsoLevel::Shell, IsoLevel::Outer(0.1)] {
+            if let Err(e) = iso_surface(&shell, &IsoOptions { level, cell: Some(50.0) }) {
+                assert!(e.to_string().contains("use cells of at most 0.2"), "{e}");
+            }
+        }
     }
 
     /// The outer surface of an open sheet goes around it at exactly the distance, and cells that cannot

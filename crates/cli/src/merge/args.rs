@@ -83,6 +83,12 @@ pub struct MergeArgs {
     /// Register the patches to the first one (corrects 1 % of their size and 1°)
     #[arg(long, help_heading = "Fusion")]
     pub align: bool,
+    /// Use each stated σ unchanged
+    ///
+    /// Otherwise σ of every patch is compared with the differences in its overlaps, and enlarged if it is too
+    /// small.
+    #[arg(long, hide_short_help = true, help_heading = "Fusion")]
+    pub believe_sigma: bool,
     /// Fill holes of at most this many edges; 0: none [default: holes up to 3 edges wide]
     ///
     /// New vertices are marked as completed; their σ is a rough estimate. The outer rim of a sheet is not

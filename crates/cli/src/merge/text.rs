@@ -142,6 +142,7 @@ fn patches(lines: &mut Lines, report: &MergeReport) {
                 count(p.triangles),
                 count(p.vertices_kept),
                 significant(p.sigma, 3),
+                p.sigma_factor.map_or_else(String::new, |factor| significant(factor, 2)),
             ]
         })
         .collect();
@@ -151,7 +152,8 @@ fn patches(lines: &mut Lines, report: &MergeReport) {
             ("from", Align::Left),
             ("triangles", Align::Right),
             ("vertices kept", Align::Right),
-            ("σ", Align::Right),
+            ("σ used", Align::Right),
+            ("differences / σ stated", Align::Right),
         ],
         &rows,
     );
@@ -164,11 +166,21 @@ fn regions(lines: &mut Lines, report: &MergeReport) {
         .iter()
         .take(REGIONS_SHOWN)
         .map(|r| {
-            vec![format!("{} and {}", r.patches[0], r.patches[1]), count(r.points), significant(r.rms, 3)]
+            vec![
+                format!("{} and {}", r.patches[0], r.patches[1]),
+                count(r.points),
+                significant(r.rms, 3),
+                significant(r.epsilon, 3),
+            ]
         })
         .collect();
     lines.table(
-        &[("overlap of", Align::Left), ("points", Align::Right), ("rms difference", Align::Right)],
+        &[
+            ("overlap of", Align::Left),
+            ("points", Align::Right),
+            ("rms difference", Align::Right),
+            ("below ε", Align::Right),
+        ],
         &rows,
     );
     if report.regions.len() > REGIONS_SHOWN {

@@ -270,6 +270,57 @@ fn duplicate_patch_is_ignored() {
     assert_eq!(read("two.ply"), read("three.ply"));
 }
 
+/// A copy in single precision, or with few decimals in another order of its vertices, is no new measurement.
+/// The file with more digits is used, whatever their order.
+#[test]
+fn rounded_copies_are_ignored() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
+    zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
+    let exact = std::fs::read_to_string(path("a.obj")).expect("a mesh");
+    let count = exact.lines().filter(|line| line.starts_with('v')).count();
+    let rounded = |digits: &dyn Fn(f64) -> String, backwards: bool| {
+        let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+        for line in exact.lines() {
+            let mut words = line.split(' ');
+            match words.next() {
+                Some("v") => {
+                    let numbers: Vec<String> =
+                        words.map(|word| digits(word.parse().expect("a number"))).collect();
+                    vertices.push(format!("v {}", numbers.join(" ")));
+                }
+                _ => {
+                    let turned = |k: usize| if backwards { count + 1 - k } else { k };
+                    let corners: Vec<String> =
+                        words.map(|word| turned(word.parse().expect("a number")).to_string()).collect();
+                    faces.push(format!("f {}", corners.join(" ")));
+                }
+            }
+        }
+        if backwards {
+            vertices.reverse();
+        }
+        vertices.extend(faces);
+        vertices.join("\n") + "\n"
+    };
+    std::fs::write(path("single.obj"), rounded(&|x| (x as f32).to_string(), false)).expect("a file");
+    std::fs::write(path("text.obj"), rounded(&|x| format!("{x:.4}"), true)).expect("a file");
+    let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    run("merge a.obj b.obj -o two.ply");
+    let two = std::fs::read(path("two.ply")).expect("a mesh");
+    for (line, copy) in [
+        ("merge a.obj b.obj single.obj -o three.ply", "single.obj"),
+        ("merge a.obj b.obj text.obj -o three.ply", "text.obj"),
+        ("merge text.obj a.obj b.obj -o three.ply", "text.obj"),
+    ] {
+        let result = run(line);
+        let told = format!("{copy} has the same vertices as a.obj up to rounding: it was ignored");
+        assert!(result.stderr.contains(&told), "{line}: {}", result.stderr);
+        assert!(std::fs::read(path("three.ply")).expect("a mesh") == two, "{line}");
+    }
+}
+
 /// The same surface with rounded numbers: zero residuals between the patches are no failure.
 #[test]
 fn patches_with_rounded_coordinates_are_aligned() {

@@ -10,6 +10,7 @@
 
 use super::MergePatch;
 use super::border::distance_to_border;
+use super::consistency::{SigmaCheck, SigmaVerdict, check_sigma};
 use crate::search::MeshSearch;
 use planish_core::DisjointSets;
 use planish_core::{BoundingBox, DVec3};
@@ -22,13 +23,13 @@ use rayon::prelude::*;
 /// three corners of a triangle, so almost no triangle is kept twice. With 3 σ, scans whose errors exceed
 /// their σ are drawn together: the bunny scans have fewer open edges (765 instead of 1235), but are farther
 /// from all points (rms 0.1878 mm instead of 0.1852 mm; see decision 0072).
-const GATE: f64 = 2.576;
+pub(super) const GATE: f64 = 2.576;
 /// Angle between the normals of two samplings of one surface that is due to shape, without noise.
 ///
 /// A smaller angle separates patches at sharp edges; a larger one joins the sides of thin parts.
 const SHAPE_ANGLE_RAD: f64 = 0.5;
 /// Upper limit of θ, so that the two sides of a thin part are distinguished.
-const MAX_ANGLE_RAD: f64 = 1.2;
+pub(super) const MAX_ANGLE_RAD: f64 = 1.2;
 /// Maximum distance to a border, in edges, that is computed. Points farther inside are assigned to a patch by
 /// other criteria.
 pub(super) const MAX_BORDER_DISTANCE: f64 = 10.0;
@@ -44,6 +45,8 @@ pub struct OverlapOptions {
     pub epsilon: Option<f64>,
     /// Maximum angle θ between normals in radians; by default derived from σ and the edge length.
     pub theta_rad: Option<f64>,
+    /// Whether stated σ are used unchanged, although differences may show that they are too small.
+    pub believe_sigma: bool,
 }
 
 /// The foot point of a vertex on another patch.
@@ -66,8 +69,12 @@ pub struct OverlapFoot {
 pub struct PatchOverlap {
     /// Unit normals of the vertices.
     pub normals: Vec<DVec3>,
-    /// σ of the vertices.
+    /// σ of the vertices: as stated, or enlarged by the factor of `check`.
     pub sigma: Vec<f64>,
+    /// Test of the stated σ; none without a stated σ or without enough differences.
+    pub check: Option<SigmaCheck>,
+    /// Share of the variance that counts as common to all patches, so that fusing does not reduce it.
+    pub shared_variance: f64,
     /// Distance of the vertices to the border of the patch, limited to ten edges; infinite without a border.
     pub to_border: Vec<f64>,
     /// Mean length of the edges at each vertex.
@@ -83,8 +90,13 @@ pub struct CommonRegion {
     pub patches: [usize; 2],
     /// Number of vertices of either patch that lie on the other.
     pub points: usize,
-    /// Root mean square distance between both patches in the region, along normals.
+    /// Root mean square distance between both patches in the region, along normals. Distances above ε are
+    /// not part of the region.
     pub rms: f64,
+    /// ε at these vertices, on average.
+    pub epsilon: f64,
+    /// θ between both patches.
+    pub theta_rad: f64,
 }
 
 /// The overlaps of a set of patches.
@@ -152,6 +164,16 @@ impl Overlap {
         }
         let mut known: Vec<PatchOverlap> = patches.par_iter().map(Self::alone).collect();
         let estimated = patches.iter().any(|p| p.sigma.is_empty());
+        let checks = check_sigma(patches, searches, &known);
+        for (known, check) in known.iter_mut().zip(checks) {
+            known.check = check;
+            let Some(check) = check.filter(|_| !options.believe_sigma) else { continue };
+            match check.verdict {
+                SigmaVerdict::Consistent => {}
+                SigmaVerdict::TooSmall => known.sigma.iter_mut().for_each(|s| *s *= check.factor),
+                SigmaVerdict::Shared => known.shared_variance = 1.0 - check.factor * check.factor,
+            }
+        }
         if estimated {
             estimate_sigma(patches, searches, &mut known);
         }
@@ -169,7 +191,7 @@ impl Overlap {
             known.starts = starts;
             known.feet = feet;
         }
-        let regions = common_regions(patches, &known);
+        let regions = common_regions(patches, &known, &thetas, options);
         Ok(Self { patches: known, regions, sigma_estimated: estimated })
     }
 
@@ -192,6 +214,8 @@ impl Overlap {
         PatchOverlap {
             normals: mesh.vertex_normals(),
             sigma: patch.sigma.clone(),
+            check: None,
+            shared_variance: 0.0,
             to_border: distance_to_border(mesh, limit),
             spacing,
             starts: vec![0; mesh.positions.len() + 1],
@@ -394,7 +418,18 @@ fn feet_of(
 ///
 /// The region contains the vertices of the first patch that lie on the second, and the corners of triangles
 /// on which vertices of the second lie.
-fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
+fn common_regions(
+    patches: &[MergePatch],
+    known: &[PatchOverlap],
+    thetas: &[f64],
+    options: &OverlapOptions,
+) -> Vec<CommonRegion> {
+    let epsilon = |k: usize, v: usize, foot: &OverlapFoot| {
+        let other = foot.patch as usize;
+        let read =
+            || patches[other].mesh.interpolate(&known[other].sigma, foot.triangle as usize, foot.barycentric);
+        options.epsilon.unwrap_or_else(|| GATE * known[k].sigma[v].hypot(read()))
+    };
     let mut regions = Vec::new();
     for i in 0..patches.len() {
         for j in i + 1..patches.len() {
@@ -434,18 +469,23 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
                 }
             }
             // Ordered by label, so that sums and results have a fixed order.
-            let mut sums: std::collections::BTreeMap<u32, (usize, f64)> = std::collections::BTreeMap::new();
-            let own_heights = own_feet.iter().map(|(v, foot)| (*v as u32, foot.height));
-            let heights_on_this = feet_on_this.iter().map(|(_, foot)| (corners(foot)[0], foot.height));
-            for (vertex, height) in own_heights.chain(heights_on_this) {
+            let mut sums: std::collections::BTreeMap<u32, (usize, f64, f64)> =
+                std::collections::BTreeMap::new();
+            let own_heights = own_feet.iter().map(|(v, foot)| (*v as u32, foot.height, epsilon(i, *v, foot)));
+            let heights_on_this =
+                feet_on_this.iter().map(|(v, foot)| (corners(foot)[0], foot.height, epsilon(j, *v, foot)));
+            for (vertex, height, epsilon) in own_heights.chain(heights_on_this) {
                 let sum = sums.entry(label.root(vertex)).or_default();
                 sum.0 += 1;
                 sum.1 += height * height;
+                sum.2 += epsilon;
             }
-            regions.extend(sums.into_values().map(|(points, squares)| CommonRegion {
+            regions.extend(sums.into_values().map(|(points, squares, epsilons)| CommonRegion {
                 patches: [i, j],
                 points,
                 rms: (squares / points as f64).sqrt(),
+                epsilon: epsilons / points as f64,
+                theta_rad: thetas[i].max(thetas[j]),
             }));
         }
     }

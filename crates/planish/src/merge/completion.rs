@@ -111,7 +111,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
         }
     } else {
         let patches = [first, rest];
-        let options = OverlapOptions { epsilon: Some(EPSILON * edge), theta_rad: None };
+        let options = OverlapOptions { epsilon: Some(EPSILON * edge), theta_rad: None, believe_sigma: true };
         let overlap = Overlap::find(&patches, &options)?;
         let places = patches.each_ref().map(|patch| FusedVertices {
             positions: patch.mesh.positions.clone(),

@@ -1,13 +1,12 @@
-//! Checks of patches before they are merged: copies, orientation, self-intersections and distances.
+//! Checks of patches before they are merged: orientation, self-intersections and distances.
 //!
-//! Input: patches as they were read. Output: patches without copies and with consistent orientation, and
-//! messages about problems. Not guaranteed: a copy is recognised only if its coordinates are exactly equal.
+//! Input: patches as they were read. Output: patches with consistent orientation, and
+//! messages about problems.
 
-use super::patches::NamedPatch;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use planish_exchange::Unit;
-use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Overlap, searches_of};
+use planish_mesh::{MergePatch, MeshSearch, Overlap, searches_of};
 use planish_report::numbers::significant;
 use planish_surface::model::SigmaSummary;
 use std::cmp::Reverse;
@@ -30,53 +29,6 @@ const MIN_OVERLAP_RATIO: f64 = 0.05;
 /// Maximum σ estimated from differences, as a fraction of an edge length. Unrelated surfaces have differences
 /// that are uniform over the search distance of two edges, whose σ is about one edge.
 const MAX_SIGMA_PER_EDGE: f64 = 0.4;
-
-/// Removes patches with exactly the same vertices as an earlier patch.
-///
-/// Fusing a file with its own copy would halve the variance without new information.
-///
-/// # Errors
-/// `Input` if fewer than two patches remain.
-pub(super) fn drop_copies(named: Vec<NamedPatch>, findings: &mut Vec<Finding>) -> Result<Vec<NamedPatch>> {
-    let mut kept: Vec<(NamedPatch, Option<BoundingBox>)> = Vec::with_capacity(named.len());
-    let mut copies = Vec::new();
-    for patch in named {
-        let mesh = &patch.tidied.patch.mesh;
-        let bounds = mesh.bounding_box();
-        let same = kept.iter().find(|(other, of_other)| {
-            let other = &other.tidied.patch.mesh;
-            // Boxes are compared first, because sorting all vertices is expensive.
-            bounds == *of_other
-                && mesh.positions.len() == other.positions.len()
-                && sorted(&mesh.positions) == sorted(&other.positions)
-        });
-        match same {
-            Some((other, _)) => {
-                copies.push(format!("{} has the same vertices as {}", patch.name, other.name))
-            }
-            None => kept.push((patch, bounds)),
-        }
-    }
-    if kept.len() < 2 {
-        let copied: String = copies.iter().map(|copy| format!(" ({copy} and counts once)")).collect();
-        return Err(Error::input(format!("expected at least two patches, found {}{copied}", kept.len())));
-    }
-    findings.extend(copies.into_iter().map(|copy| {
-        let text = format!("{copy}: it was ignored, because it adds no information");
-        Finding::new(FindingCode::PatchDuplicate, text)
-    }));
-    Ok(kept.into_iter().map(|(patch, _)| patch).collect())
-}
-
-/// Positions sorted by x, then y, then z, so that copies with reordered vertices compare equal.
-fn sorted(places: &[DVec3]) -> Vec<DVec3> {
-    let mut all = places.to_vec();
-    all.sort_unstable_by(|a, b| {
-        let by = |k: usize| a[k].total_cmp(&b[k]);
-        by(0).then(by(1)).then(by(2))
-    });
-    all
-}
 
 /// Findings about patches that cross themselves; `numbers` are those of their triangles in their files.
 pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Vec<u32>]) -> Vec<Finding> {

@@ -18,8 +18,12 @@ pub struct RegionReport {
     pub patches: [usize; 2],
     /// Vertices of either patch that overlap the other.
     pub points: usize,
-    /// Root mean square of the heights between both, before they were merged.
+    /// Root mean square of the heights between both, before they were merged. Heights above ε do not count.
     pub rms: f64,
+    /// ε: the maximum distance of corresponding points, on average over the region.
+    pub epsilon: f64,
+    /// θ: the maximum angle between their normals, in degrees.
+    pub theta_deg: f64,
 }
 
 /// A merged patch.
@@ -34,8 +38,15 @@ pub struct PatchReport {
     /// Whether the patch was flipped because it faced against the patches that it overlaps.
     #[serde(rename = "turned_over")]
     pub reversed: bool,
-    /// Median of its σ; estimated if none was stated.
+    /// Median of its σ, as used: estimated if none was stated, and enlarged if it was too small.
     pub sigma: f64,
+    /// σ by the differences from other patches, divided by the stated σ. None without a stated σ or an
+    /// overlap of at least 50 points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_factor: Option<f64>,
+    /// Root mean square of the part of these differences that a rigid motion or an offset explains.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub displacement: Option<f64>,
 }
 
 /// The shapes of triangles.

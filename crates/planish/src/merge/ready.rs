@@ -5,9 +5,11 @@
 //! of the files. Not guaranteed: patches in unrelated frames are not registered.
 
 use super::align::align;
-use super::inspection::{crossings, drop_copies, mismatched_patches, nearest, orient_patches};
+use super::copies::drop_copies;
+use super::inspection::{crossings, mismatched_patches, nearest, orient_patches};
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
+use super::sigma_check::sigma_findings;
 use super::{MergeMethod, MergeOptions};
 use crate::assumed_unit::implausible_size;
 use planish_core::{DVec3, Finding, FindingCode, Setting};
@@ -125,6 +127,7 @@ impl Ready {
             &OverlapOptions {
                 epsilon: options.epsilon.map(|epsilon| epsilon.in_unit(self.unit)),
                 theta_rad: options.theta_deg.map(f64::to_radians),
+                believe_sigma: options.believe_sigma,
             },
         )?;
         let in_space = in_order(self.names.clone(), &self.order);
@@ -152,6 +155,7 @@ impl Ready {
         if options.epsilon.is_none() {
             self.findings.extend(mismatched_patches(&self.patches, &overlap, &in_space, self.unit));
         }
+        self.findings.extend(sigma_findings(&overlap, &in_space, options, self.unit));
         Ok(overlap)
     }
 
@@ -209,7 +213,13 @@ impl Ready {
         let region = |r: &planish_mesh::CommonRegion| {
             // The order of a pair in space is of no meaning for the user.
             let [a, b] = r.patches.map(|p| self.order[p]);
-            RegionReport { patches: [a.min(b), a.max(b)], points: r.points, rms: r.rms }
+            RegionReport {
+                patches: [a.min(b), a.max(b)],
+                points: r.points,
+                rms: r.rms,
+                epsilon: r.epsilon,
+                theta_deg: r.theta_rad.to_degrees(),
+            }
         };
         let patch = |(k, at): (usize, &usize)| PatchReport {
             name: self.names[k].clone(),
@@ -217,6 +227,8 @@ impl Ready {
             vertices_kept: outcome.kept[*at],
             reversed: self.turned[k],
             sigma: SigmaSummary::from_values(overlap.patches[*at].sigma.clone()).median,
+            sigma_factor: overlap.patches[*at].check.map(|check| check.factor),
+            displacement: overlap.patches[*at].check.map(|check| check.displacement),
         };
         let mut report = MergeReport {
             method: outcome.method,

@@ -175,7 +175,9 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             "{}: expected a mesh with faces and an extent, {}",
             job.mesh.display(),
             match mesh.triangles.is_empty() {
-                true => "found no faces",
+                true =>
+                    "found no faces; files of points have none: fit a surface to them, or save a mesh with \
+                         faces (.ply, .obj, .stl, .off, .glb)",
                 false => "found all vertices of its faces at one point",
             }
         )));
@@ -208,7 +210,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
     let made = Shell::new(&wrapped, &options)
         .and_then(|shell| iso_surface(&shell, &IsoOptions { level, cell: job.cell }))
         .map_err(|e| e.in_context(job.mesh.display()))?;
-    findings.extend(defects(&made));
+    findings.extend(defects(&made, &job.mesh));
     progress.check(WRITING_STAGE, 0.9)?;
     // One set of normals for all files, so that they agree.
     let normals = made.mesh.vertex_normals();
@@ -250,8 +252,25 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
 }
 
 /// Findings about what is wrong with a meshed surface.
-fn defects(made: &IsoSurface) -> Vec<Finding> {
+fn defects(made: &IsoSurface, original: &Path) -> Vec<Finding> {
     let mut found = Vec::new();
+    if made.reversed > 0 {
+        let text = format!(
+            "{}: {} did not face the same way as most of the surface and were reversed",
+            original.display(),
+            counted(made.reversed, "triangle")
+        );
+        found.push(Finding::new(FindingCode::FacetsInconsistent, text));
+    }
+    if made.deviation_max > made.cell {
+        let text = format!(
+            "a triangle is {} from the exact surface, more than a cell ({}): use smaller cells, and check \
+             the original for triangles that cross or face the wrong way",
+            significant(made.deviation_max, 3),
+            significant(made.cell, 3)
+        );
+        found.push(Finding::new(FindingCode::DeviationLarge, text));
+    }
     if made.self_intersections > 0 {
         let pairs = counted(made.self_intersections, "pair");
         let text = format!("the mesh intersects itself, in {pairs} of triangles: use smaller cells");

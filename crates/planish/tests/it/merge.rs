@@ -4,7 +4,7 @@
 use planish::compare::{CompareOptions, Compared, Reference, compare};
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
 use planish::progress::Silent;
-use planish_core::DVec3;
+use planish_core::{DVec3, FindingCode};
 use planish_mesh::{MergePatch, MeshSearch, icosphere};
 use planish_sense::Pose;
 use rand::{RngExt, SeedableRng};
@@ -123,6 +123,75 @@ fn sigma_is_correct_for_correlated_errors_of_neighbours() {
             assert!((0.75..1.35).contains(&normalized), "{smooth} {method:?}: {normalized}");
         }
     }
+}
+
+/// σ is multiplied in the patches, which keep their noise.
+fn with_sigma(mut patches: Vec<NamedPatch>, factors: [f64; 4]) -> Vec<NamedPatch> {
+    for (patch, factor) in patches.iter_mut().zip(factors) {
+        patch.tidied.patch.sigma.iter_mut().for_each(|s| *s *= factor);
+    }
+    patches
+}
+
+/// The texts of the findings with a code.
+fn texts(merged: &Merged, code: FindingCode) -> Vec<&str> {
+    merged.report.findings.iter().filter(|f| f.code == code).map(|f| f.text.as_str()).collect()
+}
+
+/// A σ that is too small is found by the differences of patches and enlarged, for white and smooth errors;
+/// with the right σ nothing is found. A stated σ can be kept.
+#[test]
+fn sigma_that_is_too_small_is_enlarged_and_reported() {
+    for smooth in [0.0, 0.5] {
+        let patches = four_patches_with(smooth);
+        let right = merged(patches.clone(), MergeMethod::Mean);
+        assert!(texts(&right, FindingCode::SensorSigmaMisstated).is_empty(), "{:?}", right.report.findings);
+        assert!(texts(&right, FindingCode::SharedErrors).is_empty(), "{:?}", right.report.findings);
+        let small = with_sigma(patches, [1.0 / 3.0; 4]);
+        let corrected = merged(small.clone(), MergeMethod::Mean);
+        let (normalized, _) = errors(&corrected);
+        println!("{smooth} smooth: over σ {normalized:.3}, {:?}", corrected.report.patches);
+        assert_eq!(texts(&corrected, FindingCode::SensorSigmaMisstated).len(), 4);
+        assert!((0.75..1.3).contains(&normalized), "{normalized}");
+        let set = PatchSet { patches: small, ..PatchSet::default() };
+        let options = MergeOptions { believe_sigma: true, ..MergeOptions::default() };
+        let believed = merge(set, &options, &Silent).expect("a merged mesh");
+        assert!(errors(&believed).0 > 2.0);
+        assert_eq!(texts(&believed, FindingCode::SensorSigmaMisstated).len(), 4);
+    }
+}
+
+/// Of four patches, the one whose σ is wrong is named, and the σ of the others stay.
+#[test]
+fn the_patch_with_the_wrong_sigma_is_named() {
+    let patches = with_sigma(four_patches(), [1.0, 1.0, 0.25, 1.0]);
+    let merged = merged(patches, MergeMethod::Mean);
+    let told = texts(&merged, FindingCode::SensorSigmaMisstated);
+    assert!(told.len() == 1 && told[0].starts_with("patch 2:"), "{told:?}");
+    let factors: Vec<f64> = merged.report.patches.iter().filter_map(|p| p.sigma_factor).collect();
+    println!("{factors:?}, over σ {:.3}", errors(&merged).0);
+    assert!((3.0..5.0).contains(&factors[2]), "{factors:?}");
+    assert!((0.8..1.25).contains(&errors(&merged).0));
+}
+
+/// Patches with the same errors, such as two models of one scan, do not make σ smaller.
+#[test]
+fn shared_errors_do_not_reduce_sigma() {
+    let mut patches = four_patches();
+    let mut again = patches.clone();
+    for (k, patch) in again.iter_mut().enumerate() {
+        patch.name = format!("copy {k}");
+        // Far more than rounding, far less than σ.
+        for p in &mut patch.tidied.patch.mesh.positions {
+            *p = (1.0 + 1e-4) * *p;
+        }
+    }
+    let alone = merged(patches.clone(), MergeMethod::Mean);
+    patches.extend(again);
+    let both = merged(patches, MergeMethod::Mean);
+    let (of_one, of_both) = (errors(&alone).0, errors(&both).0);
+    println!("over σ {of_one:.3} without and {of_both:.3} with copies: {:?}", both.report.findings);
+    assert!(of_both < 1.25, "{of_both}");
 }
 
 /// A hole in all patches is filled with continued curvature, marked, and within its σ. The output includes
@@ -350,6 +419,12 @@ fn misaligned_patches_are_aligned_first() {
     println!("rms {rms:.4}, over σ {normalized:.2}; moved by {:?}", pose.moved);
     assert!(normalized < 1.3, "{normalized}");
     assert!(aligned.report.watertight);
-    let left = merged(false).map_or(f64::INFINITY, |left| errors(&left).0);
-    assert!(left > 1.5 * normalized, "{left} {normalized}");
+    // Without an alignment, the patch is named, and its σ includes its displacement.
+    let left = merged(false).expect("a merged mesh");
+    let told = texts(&left, FindingCode::SensorSigmaMisstated);
+    assert!(
+        told.iter().any(|text| text.starts_with("patch 2:") && text.contains("common displacement")),
+        "{told:?}"
+    );
+    assert!(errors(&left).1 > 1.2 * rms && errors(&left).0 < 1.5, "{:?} {rms}", errors(&left));
 }
