@@ -116,7 +116,16 @@ fn drawing_of(drawn: Drawn) -> DxfDrawing {
     let dimensions = dimensions::between(&drawn.triangles, &texts);
     let pens = strokes.iter().map(|s| s.pen).collect();
     drawing.curves = strokes.into_iter().map(|s| s.drawn).collect();
-    drawing.annotations = Annotations { pens, texts, hatches, arrowheads: drawn.triangles, dimensions };
+    // Only the box of a hatch is known, so that it states a section, and rarely its shape.
+    let corners = |[low, high]: [[f64; 2]; 2]| vec![low, [high[0], low[1]], high, [low[0], high[1]]];
+    drawing.annotations = Annotations {
+        pens,
+        texts,
+        hatches: hatches.into_iter().map(corners).collect(),
+        arrowheads: drawn.triangles,
+        dimensions,
+        ..Annotations::default()
+    };
     drawing.rounding = Some(rounding);
     drawing
 }

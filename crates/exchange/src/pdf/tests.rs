@@ -132,9 +132,9 @@ fn arrowheads_with_a_number_are_dimensions_and_hatches_are_boxes() {
     let lines: String = (0..9).map(|k| format!("{} 20 m {} 30 l S ", 10 + 2 * k, 20 + 2 * k)).collect();
     let hatched = drawn(&format!("0 0 m 5 0 l S {lines}"));
     assert_eq!(hatched.curves.len(), 1);
-    let [hatch] = hatched.annotations.hatches[..] else { panic!("{hatched:?}") };
+    let [hatch] = &hatched.annotations.hatches[..] else { panic!("{hatched:?}") };
     assert_near(hatch[0], [10.0, 36.0]);
-    assert_near(hatch[1], [20.0, 30.0]);
+    assert_near(hatch[2], [20.0, 30.0]);
 }
 
 #[test]
