@@ -322,7 +322,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
 /// errors of neighbours are equal, which the residuals about a curve do not contain.
 fn sigma_finding(chi_square: f64) -> Option<Finding> {
     let factor = chi_square.sqrt();
-    if !(factor.is_finite() && !(ACCEPTED_FACTORS[0]..=ACCEPTED_FACTORS[1]).contains(&factor)) {
+    if !factor.is_finite() || (ACCEPTED_FACTORS[0]..=ACCEPTED_FACTORS[1]).contains(&factor) {
         return None;
     }
     let cause = match factor > 1.0 {

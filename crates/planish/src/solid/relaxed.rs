@@ -2,7 +2,7 @@
 //!
 //! 1. Coordinates that nearly agree are the same, with the smallest error that gives a solid; fragments that
 //!    are shorter are dropped.
-//! 2. Views that draw no hidden lines omit them.
+//! 2. Views that draw no hidden lines omit them, if exactly one solid explains the others.
 //!
 //! Each is a finding.
 
@@ -43,7 +43,10 @@ pub(super) fn search_relaxed(
             return Some(found);
         }
     }
+    // Of several solids, only hidden lines would tell which one is drawn: of 21 such sheets, 8 had the right solid
+    // first and 11 a wrong one.
     solved(readings.iter().filter_map(without_hidden).collect())
+        .filter(|searched| searched.found.complete && searched.found.solutions.len() == 1)
 }
 
 /// The reading with coordinates joined that are at most a tolerance apart.

@@ -80,6 +80,7 @@ fn scene(folder: &Path) -> ShellFitJob {
         mesh: folder.join("start.ply"),
         points: Vec::new(),
         silhouettes: Some(folder.join("views.toml")),
+        landmarks: None,
         sequence: None,
         causal: false,
         deformation: DeformationKind::Dirichlet,

@@ -47,6 +47,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
         mesh: folder.join("ball.obj"),
         points: vec![folder.join("points.xyz")],
         silhouettes: None,
+        landmarks: None,
         sequence: None,
         causal: false,
         deformation: DeformationKind::Dirichlet,
