@@ -100,7 +100,8 @@ codes! {
         "The maximum number of coefficients was reached before the residuals were noise.",
     SurfaceNotFollowing = "surface-not-following", Warning:
         "The surface does not follow all readings: an edge, a handle, a thin part or a wrong shape.",
-    UnresolvedShape = "unresolved-shape", Warning: "The cells or controls are too far apart for part of the shape.",
+    UnresolvedShape = "unresolved-shape", Warning:
+        "The cells or controls are too far apart for part of the shape.",
     PatchErrorsCorrelated = "patch-errors-correlated", Warning:
         "Residuals in some patches are correlated at the maximum depth.",
     SurfaceFolded = "surface-folded", Warning:

@@ -1,7 +1,7 @@
 //! Landmarks: places of a mesh whose positions were measured.
 //!
-//! In: a CSV file with a header. `x`, `y` and `z` are the measured position. The place is a vertex, counted from
-//! zero, or a position near the surface of the mesh:
+//! In: a CSV file with a header. `x`, `y` and `z` are the measured position. The place is a vertex, counted
+//! from zero, or a position near the surface of the mesh:
 //!
 //! ```csv
 //! name,mesh_x,mesh_y,mesh_z,x,y,z,sigma
@@ -47,8 +47,8 @@ pub struct Landmark {
 /// Reads landmarks.
 ///
 /// # Errors
-/// `Io` for a file that cannot be read; `Input` for a missing column, a word that is no finite number, a σ that
-/// is not positive, or no landmark: with file and line.
+/// `Io` for a file that cannot be read; `Input` for a missing column, a word that is no finite number, a σ
+/// that is not positive, or no landmark: with file and line.
 pub fn read_landmarks(path: &Path) -> Result<Vec<Landmark>> {
     let rows = read_columns(path, &COLUMNS, 3)?;
     let landmarks: Result<Vec<Landmark>> = rows.iter().map(|(line, words)| landmark(*line, words)).collect();

@@ -114,8 +114,8 @@ pub struct ShellFitOptions {
     /// σ of the initial position of each control, in the unit of the mesh, if the start is known to be near.
     ///
     /// It limits the smoothness weight to what displacements of this size allow, and the first stage has no
-    /// extra stiffness without a rigidity. Use it for a start computed from the readings themselves: its agreement with them is
-    /// no evidence that it is correct.
+    /// extra stiffness without a rigidity. Use it for a start computed from the readings themselves: its
+    /// agreement with them is no evidence that it is correct.
     pub start_sigma: Option<f64>,
     /// State from which the fit continues. It skips the coarsest fields.
     pub resume: Option<ResumePoint>,

@@ -75,9 +75,9 @@ pub struct ShellFitArgs {
     landmarks: Option<PathBuf>,
     /// Folder of frames of a moving object
     ///
-    /// It has a folder for each frame, ordered by name, with views.toml, points.* or landmarks.csv. The meshes
-    /// are written as NAME.FRAME.ply, when a frame has been followed and again when the later frames are
-    /// known.
+    /// It has a folder for each frame, ordered by name, with views.toml, points.* or landmarks.csv. The
+    /// meshes are written as NAME.FRAME.ply, when a frame has been followed and again when the later frames
+    /// are known.
     // The frames have their own points and views, so files for all of them would be ambiguous.
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath,
           conflicts_with_all = ["points", "silhouettes", "landmarks"], hide_short_help = true)]

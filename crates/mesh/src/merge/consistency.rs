@@ -13,8 +13,8 @@
 //! 90 % quantile of magnitudes, divided by 1.645). The ratio `r = m² + s²` is 1 for the right σ. How far it
 //! may differ from 1 by chance follows from the correlation of errors: a common displacement has one degree
 //! of freedom, and the rest has `ν = 2 n_b / c²`, where `c` is the coefficient of variation of its mean
-//! square among `n_b` batches of neighbours. With the right σ, `m²` has the expectation `1 − s²`, so that both make
-//! `1 / (max(0, 1 − s²)² + s⁴/ν)` degrees of freedom.
+//! square among `n_b` batches of neighbours. With the right σ, `m²` has the expectation `1 − s²`, so that
+//! both make `1 / (max(0, 1 − s²)² + s⁴/ν)` degrees of freedom.
 //!
 //! The factors `f_i` of the patches follow from `f_i² A_i + f_j² A_j = r_ij (A_i + A_j)`, where `A` are mean
 //! stated variances. Multiplicative steps from 1 keep them positive, and equal if only two

@@ -191,8 +191,8 @@ fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
         )),
         Some(_) if !job.points.is_empty() || job.silhouettes.is_some() || job.landmarks.is_some() => {
             Err(Error::input(
-                "expected points, silhouettes and landmarks in the folders of the frames of a sequence, found \
-                 them as separate inputs",
+                "expected points, silhouettes and landmarks in the folders of the frames of a sequence, \
+                 found them as separate inputs",
             ))
         }
         Some(folder) => input::frames_of(folder),

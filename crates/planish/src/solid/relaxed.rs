@@ -43,8 +43,8 @@ pub(super) fn search_relaxed(
             return Some(found);
         }
     }
-    // Of several solids, only hidden lines would tell which one is drawn: of 21 such sheets, 8 had the right solid
-    // first and 11 a wrong one.
+    // Of several solids, only hidden lines would tell which one is drawn: of 21 such sheets, 8 had the right
+    // solid first and 11 a wrong one.
     solved(readings.iter().filter_map(without_hidden).collect())
         .filter(|searched| searched.found.complete && searched.found.solutions.len() == 1)
 }

@@ -56,8 +56,8 @@ impl Source {
         }
     }
 
-    /// The loss of this kind. Regions and distant landmarks use one that never rejects: a part far outside of a
-    /// mask is no outlier of the mask.
+    /// The loss of this kind. Regions and distant landmarks use one that never rejects: a part far outside of
+    /// a mask is no outlier of the mask.
     pub(super) fn loss(self, default: &Loss) -> Loss {
         match self {
             Self::Region | Self::DistantLandmark => Loss::huber(),

@@ -112,8 +112,8 @@ enum Begin {
 /// A pose from which displacements count.
 struct Start {
     positions: Vec<DVec3>,
-    /// σ of each coordinate. The pose was found from the points, so that a fit that hardly differs from it where
-    /// there are points is no evidence that it is right elsewhere.
+    /// σ of each coordinate. The pose was found from the points, so that a fit that hardly differs from it
+    /// where there are points is no evidence that it is right elsewhere.
     sigma: f64,
 }
 

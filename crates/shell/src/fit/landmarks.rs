@@ -1,16 +1,16 @@
 //! Equations of landmarks, and the start that they give.
 //!
-//! In: places of the mesh with measured positions. Out: three equations each, `L⁻¹ (Σ_j w_j V_j − x) = 0` with
-//! the covariance `L Lᵀ` of the position `x`; and parameters that bring the places near their positions.
+//! In: places of the mesh with measured positions. Out: three equations each, `L⁻¹ (Σ_j w_j V_j − x) = 0`
+//! with the covariance `L Lᵀ` of the position `x`; and parameters that bring the places near their positions.
 //!
 //! Points and outlines say where the surface is, but not where its vertices are along it. Landmarks do.
 //!
 //! In coarse stages landmarks are never rejected, because the mesh may be far from all of them.
 //!
 //! The start: the mesh is moved rigidly (W. Kabsch 1976, with weights `1/|residual|` so that a few confused
-//! landmarks do not decide), then deformed by the landmarks alone. Of the mesh at rest and these two, the one is
-//! chosen that is nearest to the points. With fewer than three landmarks, or with landmarks along a line, the
-//! rotation is open, and the fit starts at the mesh as it is.
+//! landmarks do not decide), then deformed by the landmarks alone. Of the mesh at rest and these two, the one
+//! is chosen that is nearest to the points. With fewer than three landmarks, or with landmarks along a line,
+//! the rotation is open, and the fit starts at the mesh as it is.
 
 use super::equations::{Equations, Source};
 use super::readings::{LandmarkReading, PointReading, ShellReadings};
@@ -29,8 +29,8 @@ use rayon::prelude::*;
 const MIN_SPREAD: f64 = 0.01;
 /// Approximate number of points by which starts are compared.
 const SAMPLED_POINTS: usize = 1000;
-/// Rounds of the robust alignment, and the smallest residual that increases a weight, as a share of the distance
-/// of the landmarks from their centre.
+/// Rounds of the robust alignment, and the smallest residual that increases a weight, as a share of the
+/// distance of the landmarks from their centre.
 const ALIGNMENT: (usize, f64) = (20, 0.01);
 /// Floor of the variances of a position, as a share of their mean: it keeps weights finite.
 const MIN_VARIANCE: f64 = 1e-9;
@@ -125,8 +125,8 @@ pub(super) fn median_distance(
     Ok(distances.get(distances.len() / 2).copied().unwrap_or(0.0))
 }
 
-/// Positions moved rigidly so that the places of landmarks are near their measured positions; `None` if these do
-/// not determine the rotation.
+/// Positions moved rigidly so that the places of landmarks are near their measured positions; `None` if these
+/// do not determine the rotation.
 fn rigidly_aligned(positions: &[DVec3], landmarks: &[LandmarkReading]) -> Option<Vec<DVec3>> {
     let mut weights: Vec<f64> = landmarks.iter().map(|l| l.sigma().powi(-2)).collect();
     let mut motion = weighted_motion(positions, landmarks, &weights)?;

@@ -4,14 +4,14 @@
 //! to it; afterwards also given all frames ([`smoothing`]).
 //!
 //! The motion model is `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)` that are smooth
-//! over the controls: `M ∝ (H + ε I)⁻¹` with the energy of shapes `H` below, linearised at the frame. The first frame is fitted alone; the velocity after it has only the
-//! smooth prior.
+//! over the controls: `M ∝ (H + ε I)⁻¹` with the energy of shapes `H` below, linearised at the frame. The
+//! first frame is fitted alone; the velocity after it has only the smooth prior.
 //!
 //! The filter carries the information of the readings. The smoothness of shapes, `λ E/2`, is applied once in
-//! each frame and is not carried on. Its energy `E` is that of a single fit, which may allow parts to turn; it
-//! is linearised at a first fit of the frame, from the estimate of the last one: `E = qᵀHq − 2 vᵀq + e`. With
-//! the information `N` and the vector `η` of the frame's readings, and a prior of mean `m` and information `Λ`,
-//! its likelihood is
+//! each frame and is not carried on. Its energy `E` is that of a single fit, which may allow parts to turn;
+//! it is linearised at a first fit of the frame, from the estimate of the last one: `E = qᵀHq − 2 vᵀq + e`.
+//! With the information `N` and the vector `η` of the frame's readings, and a prior of mean `m` and
+//! information `Λ`, its likelihood is
 //!
 //! `ln L = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
 //!

@@ -6,8 +6,9 @@
 //!
 //! Rounded values of a circle are inconsistent: its centre plus its radius is not the coordinate of the line
 //! that touches it. With values x of coordinates and radii, weighted by how often each is drawn, the changes
-//! d minimise Σ wᵢ dᵢ² subject to A (x + d) = 0, a row of A for each circle and line that touch:
-//! centre ± radius − coordinate. The rows are made orthogonal one after the other; those that depend on others are left out.
+//! d minimise Σ wᵢ dᵢ² subject to A (x + d) = 0, a row of A for each circle and line that touch: centre ±
+//! radius − coordinate. The rows are made orthogonal one after the other; those that depend on others are
+//! left out.
 //!
 //! Not guaranteed: different coordinates may become equal. A sequence of values, each within the tolerance of
 //! the next, becomes one value.

@@ -44,7 +44,7 @@ const ROUND_LENGTH: f64 = 4e-6;
 /// Maximum distance of a spline from its circle, relative to the height of the curve above its chord.
 ///
 /// Splines of Open Cascade along circles are off by 2e-6 to 7e-5 of it; the intersection curves of two
-/// cylinders that are nearest to arcs by 5e-4 and more (41 parts of a generator).
+/// cylinders that are nearest to arcs by 5e-4 and more (40 parts of a generator).
 const MAX_CIRCLE_ERROR: f64 = 1e-4;
 /// Minimum sweep of a spline that defines a circle, in radians. Shorter ones fit conics as well.
 const MIN_CIRCLE_SWEEP: f64 = 0.5;
@@ -121,8 +121,7 @@ impl Circle {
     ///
     /// `None` if there is none and the centre of the spline is too inaccurate for the search.
     fn designed(self, off: f64, lines: [&[f64]; 2], known: &[Self], size: f64) -> Option<Self> {
-        // The errors of many points along a circle cancel in its centre and radius: of 20 splines, these were
-        // off by at most a fifth of the points.
+        // The errors of many points along a circle cancel in its centre and radius.
         let within = (off / 4.0).max(MAX_ROUNDING * size);
         let near = |c: &Self| distance(c.center, self.center).max((c.radius - self.radius).abs()) <= within;
         let about = |c: &Self| Self { center: c.center, radius: self.radius };

@@ -16,8 +16,8 @@ pub struct ReadingsReport {
     pub count: usize,
     /// Number of gross errors among them.
     pub outliers: usize,
-    /// Root mean square of the other residuals: distances of points, pixels of outlines, σ of tracks, distances
-    /// of landmarks along each axis.
+    /// Root mean square of the other residuals: distances of points, pixels of outlines, σ of tracks,
+    /// distances of landmarks along each axis.
     pub rms: f64,
     /// Ratio of their estimated to their stated σ.
     pub sigma_factor: f64,

@@ -45,8 +45,8 @@ const MAX_STRAINED_SHARE: f64 = 0.03;
 /// Ratio of the σ of points by their residuals to the stated one, above which the mesh does not follow them.
 /// Sensors are rarely that much worse than stated.
 const MAX_FACTOR: f64 = 3.0;
-/// Minimum number of points for each control. With 150 points for 60 controls, 0.80 to 0.94 of the vertices of
-/// six fits were within 1.96 σ.
+/// Minimum number of points for each control. With 150 points for 60 controls, 0.80 to 0.94 of the vertices
+/// of six fits were within 1.96 σ.
 const MIN_POINTS_PER_CONTROL: usize = 8;
 /// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;

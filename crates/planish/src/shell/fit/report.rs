@@ -12,8 +12,8 @@ const NOT_FOLLOWED: u8 = 3;
 
 /// Normals of vertices, σ along them, and `observed`: 1 if points are near on this side of the sheet, or if,
 /// from outlines, readings determine the vertex more than the prior. σ includes unresolved shape and the σ of
-/// the start (`start_sigma`, one value per vertex or empty). A vertex without faces has no normal; σ is that of
-/// its most uncertain coordinate.
+/// the start (`start_sigma`, one value per vertex or empty). A vertex without faces has no normal; σ is that
+/// of its most uncertain coordinate.
 pub(super) fn known(
     mesh: &TriangleMesh,
     made: &ShellFit,
