@@ -158,7 +158,7 @@ fn sequence_is_fitted_frame_by_frame() {
     assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
     std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
     let result = planish(folder.path(), &args);
-    let found = result.stderr.contains("expected views.toml or points.*");
+    let found = result.stderr.contains("expected views.toml, points.* or landmarks.csv");
     assert!(result.code == 2 && found, "{}", result.stderr);
     let args =
         ["shell", "fit", "frames/a/mesh.obj", "--sequence", "frames", "--points", "frames/a/points.ply"];

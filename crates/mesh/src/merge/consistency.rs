@@ -139,12 +139,15 @@ pub(super) fn check_sigma(
             };
             let displaced = mean(&|pair| pair.displaced * (pair.variances[0] + pair.variances[1]));
             let all = mean(&|pair| pair.ratio * (pair.variances[0] + pair.variances[1]));
-            let shows = |verdict| own.iter().any(|pair| pair.verdict == verdict);
-            let factor = factors[i];
-            let verdict = match factor {
-                f if f > MIN_FACTOR && shows(SigmaVerdict::TooSmall) => SigmaVerdict::TooSmall,
-                f if f < SHARED_FACTOR && shows(SigmaVerdict::Shared) => SigmaVerdict::Shared,
-                _ => SigmaVerdict::Consistent,
+            let with = |verdict| own.iter().filter(move |pair| pair.verdict == verdict);
+            // One other patch is enough: two models of one scan among independent ones share their errors.
+            let least = with(SigmaVerdict::Shared).map(|pair| pair.ratio).min_by(f64::total_cmp);
+            let (factor, verdict) = match least {
+                _ if factors[i] > MIN_FACTOR && with(SigmaVerdict::TooSmall).next().is_some() => {
+                    (factors[i], SigmaVerdict::TooSmall)
+                }
+                Some(ratio) => (ratio.sqrt().min(factors[i]), SigmaVerdict::Shared),
+                None => (factors[i], SigmaVerdict::Consistent),
             };
             Some(SigmaCheck {
                 differences: count,

@@ -229,7 +229,9 @@ mod tests {
     fn the_smooth_share_of_noise_is_found() {
         for smooth in [0.0, 0.3, 1.0] {
             let patches = sheets(smooth);
-            let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
+            // Few long waves look like a σ that is too small.
+            let options = OverlapOptions { believe_sigma: true, ..OverlapOptions::default() };
+            let overlap = Overlap::find(&patches, &options).unwrap();
             for found in noise_correlation(&patches, &overlap) {
                 for neighbours in [6.0, 20.0, 60.0] {
                     let rho = found.correlation(neighbours);

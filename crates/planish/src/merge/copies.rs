@@ -124,7 +124,9 @@ fn resolution(positions: &[DVec3], largest: f64) -> f64 {
             return step;
         }
     }
-    match numbers().all(|x| f64::from(x as f32) == x) {
+    // Texts of single precision have as many digits as tell the numbers apart.
+    let is_single = |x: f64| f64::from(x as f32) == x || (x as f32).to_string().parse() == Ok(x);
+    match numbers().all(is_single) {
         true => single,
         false => f64::EPSILON * largest,
     }

@@ -15,12 +15,12 @@
 //!
 //! `ln L = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
 //!
-//! `λ` maximises that of the frame with the smoothness alone as its prior, times `exp(−½ λ min E)`. Each frame
-//! has its own, because it measures how much the object has deformed: one for all frames made σ of parts without
-//! readings too small by a half where an object at rest in the first frames bent later. If a frame shows the
-//! object at rest, the likelihood grows with `λ` without bound; `ln λ` therefore has a wide Gaussian prior. `c`
-//! maximises the likelihood of all frames with their predictions and the smoothness. Older frames are
-//! discounted.
+//! `λ` maximises that of the frame with the smoothness alone as its prior, times `exp(−½ λ min E)`. Each
+//! frame has its own, because it measures how much the object has deformed: one for all frames made σ of
+//! parts without readings too small by a half where an object at rest in the first frames bent later. If a
+//! frame shows the object at rest, the likelihood grows with `λ` without bound; `ln λ` therefore has a wide
+//! Gaussian prior. `c` maximises the likelihood of all frames with their predictions and the smoothness.
+//! Older frames are discounted.
 //!
 //! Prediction and smoothness are then the prior of a second fit, whose equations are linearised anew where it
 //! ends (an iterated filter).

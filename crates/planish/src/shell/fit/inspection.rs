@@ -346,9 +346,9 @@ fn unresolved(done: &ShellFitReport, points: &ReadingsReport) -> Option<Finding>
     // The square of the rms residual is that of noise and shape together.
     (2.0 * shape * shape > points.rms * points.rms).then(|| {
         let text = format!(
-            "residuals of neighbouring points agree: shape of σ = {} {unit} is finer than the distances of the \
-             controls, or errors of the points are correlated; σ contains it on average, not place by place: \
-             use more controls (--controls) if it is shape",
+            "residuals of neighbouring points agree: shape of σ = {} {unit} is finer than the distances of \
+             the controls, or errors of the points are correlated; σ contains it on average, not place by \
+             place: use more controls if it is shape",
             significant(shape, 2)
         );
         Finding::new(FindingCode::UnresolvedShape, text)
