@@ -137,7 +137,8 @@ pub fn parameter_row(deformation: &dyn Deformation, vertex: u32, direction: DVec
 /// use planish_core::DVec3;
 /// use planish_shell::{RowForms, VertexDisplacements};
 /// let deformation = VertexDisplacements::new(&[DVec3::ZERO]);
-/// let forms = RowForms::new(&deformation, &DMatrix::from_diagonal_element(3, 3, 4.0));
+/// let covariance = DMatrix::from_diagonal_element(3, 3, 4.0);
+/// let forms = RowForms::new(&deformation, &covariance);
 /// assert_eq!(forms.at(0, DVec3::Y), 4.0);
 /// ```
 pub struct RowForms<'a> {

@@ -52,6 +52,9 @@ const MIN_FACTOR: f64 = 1.2;
 /// Differences cannot distinguish a σ that is too large from errors that patches share. Between both limits,
 /// smooth errors of a few degrees of freedom are common.
 const SHARED_FACTOR: f64 = 0.5;
+/// Minimum degrees of freedom of a ratio that is too small. An offset and two tilts are at least in the common
+/// displacement; independent patches have none of these in common.
+const MIN_FREEDOM: f64 = 3.0;
 /// Quantile of magnitudes from which the scale follows, and the quantile of a standard normal variable.
 ///
 /// Intervals of σ are used at 95 %. The median fits them to the middle of a distribution: with errors of
@@ -270,7 +273,7 @@ fn compared(patches: [usize; 2], mut differences: Vec<Difference>) -> Option<Pai
     let verdict = if chi_square_deviation(ratio, expected.max(1.0)) > SIGNIFICANT {
         SigmaVerdict::TooSmall
     } else if ratio < SHARED_FACTOR * SHARED_FACTOR
-        && chi_square_deviation(ratio, observed.max(1.0)) < -SIGNIFICANT
+        && chi_square_deviation(ratio, observed.max(MIN_FREEDOM)) < -SIGNIFICANT
     {
         SigmaVerdict::Shared
     } else {

@@ -298,9 +298,6 @@ mod tests {
             let Curve2::Segment(a, _) = found.views[0].curves[k].curve else { panic!() };
             assert!((center[0] + sign * radius - a[0]).abs() < 1e-12, "{a:?} {center:?} {radius}");
         }
-        let best = solve(&found).unwrap().solutions.remove(0);
-        let volume = 20.0 * (30.0 * 20.0 - std::f64::consts::PI * 49.0);
-        assert!((best.measures.volume / volume - 1.0).abs() < 1e-4, "{}", best.measures.volume);
     }
 
     #[test]
