@@ -52,8 +52,8 @@ const MIN_FACTOR: f64 = 1.2;
 /// Differences cannot distinguish a σ that is too large from errors that patches share. Between both limits,
 /// smooth errors of a few degrees of freedom are common.
 const SHARED_FACTOR: f64 = 0.5;
-/// Minimum degrees of freedom of a ratio that is too small. An offset and two tilts are at least in the common
-/// displacement; independent patches have none of these in common.
+/// Minimum degrees of freedom of a ratio that is too small. An offset and two tilts are at least in the
+/// common displacement; independent patches have none of these in common.
 const MIN_FREEDOM: f64 = 3.0;
 /// Quantile of magnitudes from which the scale follows, and the quantile of a standard normal variable.
 ///
