@@ -5,7 +5,7 @@
 //!
 //! **Output.** The same as for a DXF file, in millimetres on the paper (units of a page are 1/72 inch); y
 //! points up as a viewer shows the page. Bézier curves and short lines along a circle become arcs. Texts,
-//! boxes of hatches and filled triangles (arrowheads) are [`Annotations`](planish_solid::sheet::Annotations);
+//! boxes of hatches and filled triangles (arrowheads) are [`Annotations`];
 //! lengths between two arrowheads with a number beside them are dimensions.
 //!
 //! **Limits.** Encrypted files, several pages, and pages with nothing but a picture are errors. Clips are
