@@ -15,7 +15,7 @@
 use super::equations::{Equations, Source};
 use super::readings::{LandmarkReading, PointReading, ShellReadings};
 use super::solve::solve;
-use super::starts::parameters_at;
+use super::starts::{has_given_start, parameters_at};
 use super::{ShellFitOptions, ShellProgress};
 use crate::deformation::{Deformation, nearest_rotation};
 use nalgebra::{Matrix3, Vector3};
@@ -37,7 +37,8 @@ const MIN_VARIANCE: f64 = 1e-9;
 
 impl LandmarkReading {
     /// The place on a mesh whose vertices have these positions.
-    fn place(&self, positions: &[DVec3]) -> DVec3 {
+    #[must_use]
+    pub fn place(&self, positions: &[DVec3]) -> DVec3 {
         let terms = self.vertices.iter().zip(self.weights);
         terms.fold(DVec3::ZERO, |sum, (v, weight)| sum + weight * positions[*v as usize])
     }
@@ -85,9 +86,8 @@ pub(super) fn with_landmark_start(
     options: &ShellFitOptions,
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFitOptions> {
-    let vectors = [&options.start, &options.initial];
-    let is_given = vectors.iter().any(|q| q.is_some()) || options.resume.is_some() || options.prior.is_some();
-    let aligned = if is_given { None } else { rigidly_aligned(&mesh.positions, readings.landmarks) };
+    let aligned =
+        if has_given_start(options) { None } else { rigidly_aligned(&mesh.positions, readings.landmarks) };
     let Some(aligned) = aligned else { return Ok(options.clone()) };
     let misfit = |positions: &[DVec3]| median_distance(mesh, positions, readings.points);
     let (at_rest, after_motion) = (misfit(&mesh.positions)?, misfit(&aligned)?);

@@ -34,14 +34,13 @@
 pub(super) mod smoothing;
 
 use super::dense::Factor;
-use super::smoothness::{LinearisedEnergy, Smoothness};
+use super::smoothness::{LinearisedEnergy, Smoothness, displaced};
 use super::{
     ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_with_progress,
     undetermined,
 };
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
-use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
@@ -265,9 +264,7 @@ impl<'a> ShellTracker<'a> {
     /// Options of the first fit of a frame, in which displacements from the last one are smooth.
     fn options_from(&self, last: &DVector<f64>) -> ShellFitOptions {
         let rigidity = self.options.rigidity.clone().map(|rigidity| {
-            let moved = (rigidity.rest().iter().enumerate())
-                .map(|(k, p)| *p + DVec3::from_array(std::array::from_fn(|axis| last[3 * k + axis])))
-                .collect();
+            let moved = displaced(&rigidity, last);
             rigidity.in_pose(moved)
         });
         ShellFitOptions { start: Some(last.clone()), rigidity, ..self.options.clone() }

@@ -182,7 +182,7 @@ impl Smoothness {
 }
 
 /// The points of an energy after their displacements, the first parameters.
-fn displaced(rigidity: &Rigidity, displacements: &DVector<f64>) -> Vec<DVec3> {
+pub(super) fn displaced(rigidity: &Rigidity, displacements: &DVector<f64>) -> Vec<DVec3> {
     (rigidity.rest().iter().enumerate())
         .map(|(k, p)| *p + DVec3::from_array(std::array::from_fn(|axis| displacements[3 * k + axis])))
         .collect()

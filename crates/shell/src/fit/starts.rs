@@ -63,14 +63,18 @@ pub(super) fn other_start(
 ) -> Result<Option<Vec<DVec3>>> {
     // A start that is given, or a prior, says where the mesh is. Only an energy that allows rotations keeps
     // parts in their new pose.
-    let vectors = [&options.start, &options.initial];
-    let is_given = vectors.iter().any(|q| q.is_some()) || options.resume.is_some() || options.prior.is_some();
     let is_right = unfollowed_share(fit) < MIN_UNFOLLOWED_OF_TURNS && fit.strained_share < MIN_STRAINED;
-    if options.rigidity.is_none() || is_given || is_right {
+    if options.rigidity.is_none() || has_given_start(options) || is_right {
         return Ok(None);
     }
     let points: Vec<DVec3> = readings.points.iter().map(|p| p.at).collect();
     far_pose(mesh, &points)
+}
+
+/// True if the options say where the mesh is.
+pub(super) fn has_given_start(options: &ShellFitOptions) -> bool {
+    let vectors = [&options.start, &options.initial];
+    vectors.iter().any(|q| q.is_some()) || options.resume.is_some() || options.prior.is_some()
 }
 
 /// True if few points agree with their neighbours but not with the mesh.

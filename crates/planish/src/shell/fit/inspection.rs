@@ -310,8 +310,7 @@ pub(super) fn rejected_landmarks(fit: &ShellFit, frame: &Frame, unit: Unit) -> V
     let rejected = fit.landmarks.outliers.iter().zip(&frame.landmarks).zip(&frame.landmark_names);
     (rejected.filter(|((outlier, _), _)| **outlier))
         .map(|((_, landmark), name)| {
-            let place = (landmark.vertices.iter().zip(landmark.weights))
-                .fold(DVec3::ZERO, |sum, (v, weight)| sum + weight * fit.positions[*v as usize]);
+            let place = landmark.place(&fit.positions);
             let text = format!(
                 "landmark {name}: its place on the fitted mesh is {} {unit} away from the measured position, \
                  much more than its σ: it was not used; check its place and σ",
