@@ -315,8 +315,8 @@ fn rounded_copies_are_ignored() {
         ("merge text.obj a.obj b.obj -o three.ply", "text.obj"),
     ] {
         let result = run(line);
-        let told = format!("{copy} has the same vertices as a.obj up to rounding: it was ignored");
-        assert!(result.stderr.contains(&told), "{line}: {}", result.stderr);
+        let expected = format!("{copy} has the same vertices as a.obj up to rounding: it was ignored");
+        assert!(result.stderr.contains(&expected), "{line}: {}", result.stderr);
         assert!(std::fs::read(path("three.ply")).expect("a mesh") == two, "{line}");
     }
 }

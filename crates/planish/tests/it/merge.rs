@@ -166,8 +166,8 @@ fn sigma_that_is_too_small_is_enlarged_and_reported() {
 fn the_patch_with_the_wrong_sigma_is_named() {
     let patches = with_sigma(four_patches(), [1.0, 1.0, 0.25, 1.0]);
     let merged = merged(patches, MergeMethod::Mean);
-    let told = texts(&merged, FindingCode::SensorSigmaMisstated);
-    assert!(told.len() == 1 && told[0].starts_with("patch 2:"), "{told:?}");
+    let misstated = texts(&merged, FindingCode::SensorSigmaMisstated);
+    assert!(misstated.len() == 1 && misstated[0].starts_with("patch 2:"), "{misstated:?}");
     let factors: Vec<f64> = merged.report.patches.iter().filter_map(|p| p.sigma_factor).collect();
     println!("{factors:?}, over σ {:.3}", errors(&merged).0);
     assert!((3.0..5.0).contains(&factors[2]), "{factors:?}");
@@ -421,10 +421,10 @@ fn misaligned_patches_are_aligned_first() {
     assert!(aligned.report.watertight);
     // Without an alignment, the patch is named, and its σ includes its displacement.
     let left = merged(false).expect("a merged mesh");
-    let told = texts(&left, FindingCode::SensorSigmaMisstated);
+    let misstated = texts(&left, FindingCode::SensorSigmaMisstated);
     assert!(
-        told.iter().any(|text| text.starts_with("patch 2:") && text.contains("common displacement")),
-        "{told:?}"
+        misstated.iter().any(|text| text.starts_with("patch 2:") && text.contains("common displacement")),
+        "{misstated:?}"
     );
     assert!(errors(&left).1 > 1.2 * rms && errors(&left).0 < 1.5, "{:?} {rms}", errors(&left));
 }
