@@ -14,6 +14,7 @@ mod lattice;
 mod modes;
 mod posed;
 mod rigid;
+mod sparse_row;
 
 pub use dirichlet::Dirichlet;
 pub use lattice::{Lattice, LatticeBasis};
@@ -21,6 +22,7 @@ pub use modes::{Modes, VertexDisplacements};
 pub(crate) use posed::PosedDeformation;
 pub(crate) use rigid::nearest_rotation;
 pub use rigid::{PartMotion, RigidPart, RigidParts};
+pub use sparse_row::SparseRow;
 
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
@@ -43,6 +45,13 @@ pub trait Deformation: Sync {
     /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis, for parameters zero unless the map is
     /// linear; an index may occur more than once.
     fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64));
+
+    /// Adds the rows of several vertices and directions, of which one may come more than once, to a row.
+    fn add_to(&self, vertices: &[(u32, DVec3)], row: &mut SparseRow) {
+        for (vertex, direction) in vertices {
+            self.row(*vertex, *direction, &mut |k, entry| row.add(k, entry));
+        }
+    }
 
     /// The matrix `R` from parameters to the basis; `None` if they are the same.
     fn reduction(&self) -> Option<&DMatrix<f64>> {

@@ -61,7 +61,7 @@ pub use controls::{
 };
 pub use deformation::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts, RowForms,
-    VertexDisplacements, displaced_positions, displacements, parameter_row,
+    SparseRow, VertexDisplacements, displaced_positions, displacements, parameter_row,
 };
 pub use delaunay::Delaunay;
 pub use field::{FacetShare, Metaball, Shell, ShellDistance, ShellOptions, subdivide_for_spheres};

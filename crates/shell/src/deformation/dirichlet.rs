@@ -11,7 +11,7 @@
 //! Not guaranteed: a vertex off the plane of coplanar controls does not rotate with them; no linear map of
 //! their displacements can do that.
 
-use super::Deformation;
+use super::{Deformation, SparseRow};
 use crate::natural_neighbour::{BOX_CORNERS, NaturalNeighbours};
 use nalgebra::DMatrix;
 use planish_core::DVec3;
@@ -129,6 +129,14 @@ impl Deformation for Dirichlet {
                 if d != 0.0 {
                     visit(3 * handle as usize + axis, weight * d);
                 }
+            }
+        }
+    }
+
+    fn add_to(&self, vertices: &[(u32, DVec3)], row: &mut SparseRow) {
+        for (vertex, direction) in vertices {
+            for &(handle, weight) in self.of_vertex(*vertex) {
+                row.add_vector(3 * handle as usize, weight * *direction);
             }
         }
     }

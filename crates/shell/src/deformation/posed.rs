@@ -6,7 +6,7 @@
 //! Few controls do not interpolate large rotations: the error is `h² θ'² r/8` for controls at distances `h`
 //! and a twist `θ'` at the radius `r`. The pose has them, and the controls only correct it.
 
-use super::{Deformation, displacements};
+use super::{Deformation, SparseRow, displacements};
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 
@@ -32,6 +32,10 @@ impl Deformation for PosedDeformation {
 
     fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64)) {
         self.inner.row(vertex, direction, visit);
+    }
+
+    fn add_to(&self, vertices: &[(u32, DVec3)], row: &mut SparseRow) {
+        self.inner.add_to(vertices, row);
     }
 
     fn reduction(&self) -> Option<&DMatrix<f64>> {

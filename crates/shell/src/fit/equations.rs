@@ -6,7 +6,7 @@
 //! Derivatives are stored by vertex until they are summed. An accepted step therefore reuses the evaluation
 //! that tested it.
 
-use crate::deformation::Deformation;
+use crate::deformation::{Deformation, SparseRow};
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
 use planish_estimate::Loss;
@@ -111,22 +111,32 @@ impl Equations {
         &mut self,
         source: Source,
         reading: u32,
-        (distance, sigma): (f64, f64),
-        vertices: &mut Vec<(u32, DVec3)>,
-        poses: &[(u32, [f64; 6])],
+        residual: (f64, f64),
+        vertices: &mut Vec<ByVertex>,
+        poses: &[ByPose],
     ) {
         // The sort is stable, so that sums have a fixed order.
         vertices.sort_by_key(|(vertex, _)| *vertex);
-        let by_vertices = Arc::make_mut(&mut self.by_vertices);
-        let start = by_vertices.len();
-        for (vertex, by) in vertices.drain(..) {
-            match by_vertices[start..].last_mut() {
-                Some((last, sum)) if *last == vertex => {
-                    *sum += by;
-                }
-                _ => by_vertices.push((vertex, by)),
+        vertices.dedup_by(|(next, by), (vertex, sum)| {
+            let same = next == vertex;
+            if same {
+                *sum += *by;
             }
-        }
+            same
+        });
+        self.push_distinct(source, reading, residual, vertices, poses);
+    }
+
+    /// Adds an equation whose entries are of distinct vertices, in any order.
+    pub(super) fn push_distinct(
+        &mut self,
+        source: Source,
+        reading: u32,
+        (distance, sigma): (f64, f64),
+        vertices: &mut Vec<ByVertex>,
+        poses: &[ByPose],
+    ) {
+        Arc::make_mut(&mut self.by_vertices).append(vertices);
         if !poses.is_empty() {
             Arc::make_mut(&mut self.by_poses).extend_from_slice(poses);
         }
@@ -227,8 +237,7 @@ pub(super) fn sum(
         .map(|group| {
             let mut pass =
                 NormalEquations { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
-            let (mut row, mut touched) = (vec![0.0; size], Vec::new());
-            let mut entries: Vec<f64> = Vec::new();
+            let mut row = EquationRow::new(deformation, poses);
             for (equation, vertices, own_poses) in group.iter().flat_map(Equations::iter) {
                 if equation.source == Source::Region && !with_regions {
                     continue;
@@ -243,30 +252,15 @@ pub(super) fn sum(
                 if weight <= 0.0 {
                     continue;
                 }
-                let mut give = |k: usize, entry: f64| {
-                    // An entry that cancels to zero is listed again, hence `dedup` below.
-                    if row[k] == 0.0 {
-                        touched.push(k);
-                    }
-                    row[k] += entry;
-                };
-                visit_row(deformation, vertices, own_poses, &mut give);
-                touched.sort_unstable();
-                touched.dedup();
-                entries.clear();
-                entries.extend(touched.iter().map(|k| row[*k]));
-                for (n, &i) in touched.iter().enumerate() {
-                    let scaled = weight * entries[n];
+                let entries = row.of(vertices, own_poses);
+                for (n, &(i, entry)) in entries.iter().enumerate() {
+                    let scaled = weight * entry;
                     pass.vector[i] -= scaled * equation.distance;
                     // Only the lower triangle is summed; it is mirrored once at the end.
                     let column = &mut pass.information.as_mut_slice()[i * size..(i + 1) * size];
-                    for (&j, entry) in touched[n..].iter().zip(&entries[n..]) {
+                    for &(j, entry) in &entries[n..] {
                         column[j] += scaled * entry;
                     }
-                }
-                // Cleared by entry: a row has some dozens of entries of thousands.
-                for k in touched.drain(..) {
-                    row[k] = 0.0;
                 }
             }
             pass
@@ -282,22 +276,30 @@ pub(super) fn sum(
     reduced(total, deformation, poses)
 }
 
-/// Visits the entries of an equation's row over the basis, then over six numbers of every pose; an index may
-/// come more than once.
-pub(super) fn visit_row(
-    deformation: &dyn Deformation,
-    vertices: &[ByVertex],
-    poses: &[ByPose],
-    visit: &mut dyn FnMut(usize, f64),
-) {
-    for (vertex, by) in vertices {
-        deformation.row(*vertex, *by, visit);
+/// The row of an equation: over the basis of a deformation, then over six numbers of every pose.
+pub(super) struct EquationRow<'a> {
+    deformation: &'a dyn Deformation,
+    row: SparseRow,
+    entries: Vec<(usize, f64)>,
+}
+
+impl<'a> EquationRow<'a> {
+    pub(super) fn new(deformation: &'a dyn Deformation, poses: usize) -> Self {
+        let row = SparseRow::new(deformation.basis() + 6 * poses);
+        Self { deformation, row, entries: Vec::new() }
     }
-    let basis = deformation.basis();
-    for (pose, by) in poses {
-        for (k, entry) in by.iter().enumerate() {
-            visit(basis + 6 * *pose as usize + k, *entry);
+
+    /// Entries that are not zero, in the order of their indices.
+    pub(super) fn of(&mut self, vertices: &[ByVertex], poses: &[ByPose]) -> &[(usize, f64)] {
+        self.deformation.add_to(vertices, &mut self.row);
+        let basis = self.deformation.basis();
+        for (pose, by) in poses {
+            for (k, entry) in by.iter().enumerate() {
+                self.row.add(basis + 6 * *pose as usize + k, *entry);
+            }
         }
+        self.row.take(&mut self.entries);
+        &self.entries
     }
 }
 

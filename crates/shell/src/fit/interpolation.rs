@@ -18,7 +18,7 @@
 
 use super::correlation::DRAWS;
 use super::dense::Factor;
-use super::equations::{Equation, Equations, NormalEquations, SCALES, visit_row};
+use super::equations::{Equation, EquationRow, Equations, NormalEquations, SCALES};
 use super::residual_leverage::Signs;
 use super::smoothness::Smoothness;
 use crate::controls::{ControlSampling, Controls, stiffness};
@@ -56,16 +56,17 @@ pub(super) fn noise_vectors(
 ) -> Vec<DVector<f64>> {
     let basis = deformation.basis();
     let mut sum = DMatrix::zeros(basis + 6 * poses, DRAWS);
+    let mut row = EquationRow::new(deformation, poses);
     for ((equation, vertices, own_poses), [_, left]) in equations.iter().flat_map(Equations::iter).zip(left) {
         if !counts(equation) {
             continue;
         }
         let weight = -scale * equation.chance.0 / (equation.sigma * factors[equation.source.scale()]);
-        visit_row(deformation, vertices, own_poses, &mut |k, entry| {
+        for &(k, entry) in row.of(vertices, own_poses) {
             for (draw, left) in left.iter().enumerate() {
                 sum[(k, draw)] += weight * left * entry;
             }
-        });
+        }
     }
     let own = |draw: usize| sum.view((0, draw), (basis, 1)).column(0).into_owned();
     (0..DRAWS)

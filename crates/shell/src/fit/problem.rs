@@ -209,7 +209,7 @@ impl Problem<'_> {
                     shell.by_vertices(point.at, &shares, &found, |v, by| {
                         self.for_each_vertex(v, by, |v, by| gathered.add(v, by))
                     });
-                    made.push(Source::Point, i, residual, gathered.take(), &[]);
+                    made.push_distinct(Source::Point, i, residual, gathered.take(), &[]);
                 }
             }
             (Work::Tracks(a, b), _) => {
@@ -286,7 +286,7 @@ impl Problem<'_> {
                 sheets.by_vertices(g, shell, point.at, shares, |v, by| {
                     self.for_each_vertex(v, by, |v, by| gathered.add(v, by))
                 });
-                made.push(Source::Point, i, residual, gathered.take(), &[]);
+                made.push_distinct(Source::Point, i, residual, gathered.take(), &[]);
             }
             made.set_last_probability(sheet.probability, sheet.log_ratio);
         }

@@ -6,7 +6,7 @@
 
 use super::correlation::DRAWS;
 use super::dense::Factor;
-use super::equations::{Equation, Equations, SCALES, visit_row};
+use super::equations::{Equation, EquationRow, Equations, SCALES};
 use super::undetermined;
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
@@ -40,10 +40,12 @@ pub(super) fn leverage_of_signs(
         })
         .collect();
     let sigma_of = |e: &Equation| e.sigma * factors[e.source.scale()];
+    let row_of_equation = || EquationRow::new(deformation, rest / 6);
     let groups = equations.len().div_ceil(GROUPS).max(1);
     let sums: Vec<DMatrix<f64>> = (equations.par_chunks(groups).zip(firsts.par_chunks(groups)))
         .map(|(group, firsts)| {
             let mut sum = DMatrix::zeros(basis + rest, DRAWS);
+            let mut row = row_of_equation();
             for (some, first) in group.iter().zip(firsts) {
                 for (n, (equation, vertices, poses)) in some.iter().enumerate() {
                     if !counts(equation) {
@@ -54,11 +56,11 @@ pub(super) fn leverage_of_signs(
                     // estimate entries of H (Hutchinson). Hashed from the index, they need no memory and are
                     // the same in both passes, for any number of threads.
                     let signs = signs_of(first + n);
-                    visit_row(deformation, vertices, poses, &mut |k, entry| {
+                    for &(k, entry) in row.of(vertices, poses) {
                         for (draw, sign) in signs.iter().enumerate() {
                             sum[(k, draw)] += weight * sign * entry;
                         }
-                    });
+                    }
                 }
             }
             sum
@@ -85,7 +87,7 @@ pub(super) fn leverage_of_signs(
         moved.view_mut((basis, draw), (rest, 1)).copy_from(&x.rows(parameters, rest));
     }
     let left: Vec<Vec<Signs>> = (equations.par_iter().zip(&firsts))
-        .map(|(some, first)| {
+        .map_init(row_of_equation, |row, (some, first)| {
             some.iter()
                 .enumerate()
                 .map(|(n, (equation, vertices, poses))| {
@@ -93,11 +95,11 @@ pub(super) fn leverage_of_signs(
                     let mut left = signs;
                     if counts(equation) {
                         let by = 1.0 / sigma_of(equation);
-                        visit_row(deformation, vertices, poses, &mut |k, entry| {
+                        for &(k, entry) in row.of(vertices, poses) {
                             for (draw, left) in left.iter_mut().enumerate() {
                                 *left -= by * entry * moved[(k, draw)];
                             }
-                        });
+                        }
                     }
                     [signs, left]
                 })

@@ -30,7 +30,7 @@
 //! quadratic heights.
 
 use super::dense::Factor;
-use super::equations::{ByPose, ByVertex, Equation, Equations, SCALES, Source, visit_row};
+use super::equations::{ByPose, ByVertex, Equation, EquationRow, Equations, SCALES, Source};
 use super::undetermined;
 use crate::deformation::{Deformation, in_basis};
 use nalgebra::{DMatrix, DVector};
@@ -198,15 +198,17 @@ pub(super) fn roundness(
         .collect();
     let (basis, parameters) = (deformation.basis(), deformation.parameters());
     let rest = information.nrows() - parameters;
+    let row_of_equation = || EquationRow::new(deformation, rest / 6);
     let per_group = equations.len().div_ceil(GROUPS).max(1);
     let sums: Vec<DVector<f64>> = (equations.par_chunks(per_group).zip(bulges.par_chunks(per_group)))
         .map(|(group, bulges)| {
             let mut sum = DVector::zeros(basis + rest);
+            let mut row = row_of_equation();
             for (some, bulges) in group.iter().zip(bulges) {
                 for ((e, vertices, poses), [height, _]) in some.iter().zip(bulges) {
                     let by = weight(e) * height;
                     if by != 0.0 {
-                        visit_row(deformation, vertices, poses, &mut |k, entry| sum[k] += by * entry);
+                        row.of(vertices, poses).iter().for_each(|(k, entry)| sum[*k] += by * entry);
                     }
                 }
             }
@@ -226,12 +228,13 @@ pub(super) fn roundness(
     moved.rows_mut(0, basis).copy_from(&in_basis(deformation, &change.rows(0, parameters).into_owned()));
     moved.rows_mut(basis, rest).copy_from(&change.rows(parameters, rest));
     let changes: Vec<(Vec<f64>, [f64; 5])> = (equations.par_iter().zip(&bulges))
-        .map(|(some, bulges)| {
+        .map_init(row_of_equation, |row, (some, bulges)| {
             let mut sums = [0.0; 5];
             let changes = (some.iter().zip(bulges))
                 .map(|((e, vertices, poses), [height, varying])| {
-                    let mut left = *height;
-                    visit_row(deformation, vertices, poses, &mut |k, entry| left -= entry * moved[k]);
+                    let change: f64 =
+                        row.of(vertices, poses).iter().map(|(k, entry)| entry * moved[*k]).sum();
+                    let left = height - change;
                     let terms = [varying * e.distance, varying * left, height * height];
                     let terms = [terms[0], terms[1], terms[2], height * e.distance, height * left];
                     sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight(e) * term);

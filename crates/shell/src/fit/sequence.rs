@@ -102,7 +102,7 @@ pub struct ShellTracker<'a> {
     /// The mesh's size.
     size: f64,
     state: Option<Motion>,
-    /// What all frames so far have told, for the smoother.
+    /// All frames so far, for the smoother.
     past: Vec<PastFrame>,
 }
 
