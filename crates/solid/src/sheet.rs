@@ -141,6 +141,9 @@ pub struct SheetReading {
     pub scale_source: ScaleSource,
     /// Where the views are.
     pub views: Vec<SheetView>,
+    /// Whether outlines have equal widths in the only two views, so that they may be round or flat, and the
+    /// sheet has neither centre lines nor diameters that show which.
+    pub open_widths: bool,
     /// Entities that belong to no view, and why.
     pub set_aside: Vec<(String, SetAsideReason)>,
 }
@@ -322,7 +325,9 @@ impl<'a> SheetReader<'a> {
                 section_at: view.section().map(|section| scale * section.at),
             })
             .collect();
-        views.extend(self.candidates(choice, &views, &origins));
+        let round = self.candidates(choice, &views, &origins);
+        let open_widths = round.as_ref().is_some_and(|round| round.are_open);
+        views.extend(round.and_then(|round| round.view));
         let drawing = Drawing { views };
         let drawing = if scale == 1.0 { drawing } else { drawing.scaled(scale) };
         let mut is_used = vec![false; self.curves.len()];
@@ -338,7 +343,15 @@ impl<'a> SheetReader<'a> {
             unused.map(|k| (self.curves[k].entity.clone(), reason(k))).collect();
         // A polyline has several curves.
         set_aside.dedup();
-        SheetReading { projection: choice.projection, scale, scale_source, views: places, drawing, set_aside }
+        SheetReading {
+            projection: choice.projection,
+            scale,
+            scale_source,
+            views: places,
+            drawing,
+            open_widths,
+            set_aside,
+        }
     }
 
     /// Whether a curve touches the box of a hatch.

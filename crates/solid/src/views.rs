@@ -36,6 +36,7 @@ mod candidates;
 mod cells;
 mod circles;
 mod column;
+mod contradictions;
 mod drawing_grid;
 mod edge_splines;
 mod hatched;
@@ -159,6 +160,11 @@ impl Solution {
             && (0..3).all(|k| near(a.centroid[k], b.centroid[k], a.area.sqrt()))
     }
 
+    /// True if both are the same solid, within rounding.
+    pub(crate) fn is_same_solid(&self, other: &Self) -> bool {
+        self.measures_the_same(other) && self.has_vertices_of(other)
+    }
+
     /// True if the other solid has the same vertices and the same number of faces of each kind.
     fn has_vertices_of(&self, other: &Self) -> bool {
         let near = 1e-6 * self.measures.area.sqrt();
@@ -248,15 +254,25 @@ impl Solutions {
 /// `Input` if there are fewer than two views or a view is empty; `Unsupported` if the drawing has too many
 /// cells; `Undetermined` if all lines can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
+    in_usual_size(drawing, solve_scaled)
+}
+
+/// Finds solids of a drawing with a doubtful view, in the usual conventions only.
+pub(crate) fn solve_doubtful(drawing: &Drawing) -> Result<Solutions> {
+    in_usual_size(drawing, |drawing, scale| solve_with(drawing, Conventions::USUAL, scale))
+}
+
+/// Scales a drawing to a typical size, solves it, and scales the solids back.
+fn in_usual_size(drawing: &Drawing, solve: impl Fn(&Drawing, f64) -> Result<Solutions>) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
     // A drawing without a size cannot be scaled; the search reports what is wrong with it.
     if !(size > 0.0 && size.is_finite()) || (TYPICAL_SIZE[0]..TYPICAL_SIZE[1]).contains(&size) {
-        return solve_scaled(drawing, 1.0);
+        return solve(drawing, 1.0);
     }
     // By a power of ten, so that round coordinates stay round: `representative` prefers round values.
     let scale = 10_f64.powi(size.log10().floor() as i32 - 2);
-    let mut found = solve_scaled(&drawing.scaled(1.0 / scale), scale).map_err(|e| {
+    let mut found = solve(&drawing.scaled(1.0 / scale), scale).map_err(|e| {
         let in_what = format!("in units of {scale:e}");
         e.in_context(in_what)
     })?;
@@ -272,7 +288,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     // Drafting does not draw tangent edges, so drawings are first read without them. With them, each tangent
     // line would be one more explanation of a line that is really a sharp edge.
-    let conventions = Conventions { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+    let conventions = Conventions::USUAL;
     let plain = solve_with(drawing, conventions, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
     if is_too_large || best_agreeing(&plain, drawing).is_some() {
@@ -323,8 +339,7 @@ fn solve_with(drawing: &Drawing, conventions: Conventions, scale: f64) -> Result
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
         // Strict candidates come first because the centre of every fillet also makes a false torus.
-        let is_first =
-            conventions.smooth_edges == SmoothEdges::NotDrawn && conventions.bodies == Bodies::Apart;
+        let is_first = conventions == Conventions::USUAL;
         let are_tried = cheapest.is_none() && is_first;
         if is_too_large || !strict && !are_tried {
             break;

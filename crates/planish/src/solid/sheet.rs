@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A drawing as it is searched for solids.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct ReadDrawing {
     pub drawing: Drawing,
     /// The sheet that it comes from; none if each view has its own file.
@@ -24,6 +24,8 @@ pub(super) struct ReadDrawing {
     pub findings: Vec<Finding>,
     /// Maximum error of coordinates by the rounding of the format; zero if they are exact.
     pub rounding: f64,
+    /// Whether the only two views show equal widths that may be round or flat.
+    pub open_widths: bool,
 }
 
 /// How a sheet was read.
@@ -123,7 +125,8 @@ fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawi
             .collect(),
     };
     let rounding = rounding * reading.scale;
-    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings, rounding }
+    let open_widths = reading.open_widths;
+    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings, rounding, open_widths }
 }
 
 /// What a user should know about the reading of a sheet.
