@@ -17,14 +17,18 @@ mod tests;
 use crate::drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewContent, ViewKind};
 use crate::drawing::{distance, nearest_on_curve};
 use crate::reprojection::{Difference, Disagreement, ReprojectionOptions, disagreements};
+use crate::sheet::circles_across;
 use crate::views::{Solution, solve_doubtful};
+use std::f64::consts::TAU;
 
 /// Maximum cost of a repair. Every drawing shows a solid after enough edits, so more would prove nothing.
 pub const MAX_COST: f64 = 3.0;
 /// Cost of a moved line: more than one line that is added or removed, less than both.
 const COST_OF_MOVE: f64 = 1.5;
-/// Maximum distance of the places of missing lines that are one line, relative to the distance of samples.
-const SAME_PLACE: f64 = 0.6;
+/// Distance within which ends of lines meet, relative to the size of the drawing.
+const ACCURACY: f64 = 1e-5;
+/// Maximum number of open ends of a view that are joined by candidates. A missing line leaves two.
+const MAX_OPEN_ENDS: usize = 6;
 /// Maximum difference of the sizes of a line before and after it is moved, relative to the larger one. The
 /// ends of a moved line often change.
 const SIMILAR: f64 = 0.3;
@@ -136,6 +140,11 @@ pub fn repair(drawing: &Drawing) -> Option<Repair> {
         }
         let mut doubtful = drawing.clone();
         doubtful.views[v].content = ViewContent::Doubtful;
+        let curves = missing_candidates(&doubtful, v);
+        if !curves.is_empty() {
+            let kind = drawing.views[v].kind;
+            doubtful.views.push(View { kind, curves, content: ViewContent::Candidates });
+        }
         // A view that no solid explains without one of its lines has another error.
         let Ok(found) = solve_doubtful(&doubtful) else { continue };
         for solution in found.solutions {
@@ -164,8 +173,8 @@ fn edits(drawing: &Drawing, found: &[Disagreement]) -> Vec<Edit> {
         let shown = drawing.views.iter().find(|view| view.kind == difference.view);
         let Some(edit) = shown.and_then(|view| edit(view, difference)) else { continue };
         // Edges behind each other have one image.
-        let spacing = SAME_PLACE * ReprojectionOptions::default().spacing * drawing.size();
-        let same = |known: &&mut Edit| known.view == edit.view && is_same_line(known, &edit, spacing);
+        let near = ReprojectionOptions::default().near * drawing.size();
+        let same = |known: &&mut Edit| known.view == edit.view && is_same_line(known, &edit, near);
         match edits.iter_mut().find(same) {
             // The line in front decides the style.
             Some(known) => {
@@ -210,8 +219,9 @@ fn nearest(view: &View, at: [f64; 2], style: LineStyle) -> Option<&DrawnCurve> {
     view.curves.iter().filter(|c| c.style == style).min_by(|a, b| off(a).total_cmp(&off(b)))
 }
 
-/// Whether two edits are of one line: of one entity, or of places that are the same.
-fn is_same_line(a: &Edit, b: &Edit, spacing: f64) -> bool {
+/// Whether two edits are of one line: of one entity, or along one line or circle. A line that is missing may
+/// be the image of several edges, behind or after each other.
+fn is_same_line(a: &Edit, b: &Edit, near: f64) -> bool {
     if a.kind != b.kind || a.entity != b.entity {
         return false;
     }
@@ -219,8 +229,63 @@ fn is_same_line(a: &Edit, b: &Edit, spacing: f64) -> bool {
         return true;
     }
     let (few, many) = if a.places.len() <= b.places.len() { (a, b) } else { (b, a) };
-    let is_near = |p: &&[f64; 2]| many.places.iter().any(|q| distance(**p, *q) <= spacing);
-    2 * few.places.iter().filter(is_near).count() >= few.places.len()
+    let (first, last) = (many.places[0], many.places[many.places.len() - 1]);
+    let is_near = |curve: Curve2, places: &[[f64; 2]]| {
+        places.iter().all(|p| distance(nearest_on_curve(&curve, *p), *p) <= near)
+    };
+    // Beyond its ends as well.
+    let far = [0, 1].map(|k| 1e3 * (last[k] - first[k]));
+    let line = Curve2::Segment([0, 1].map(|k| first[k] - far[k]), [0, 1].map(|k| last[k] + far[k]));
+    if first != last && is_near(line.clone(), &many.places) {
+        return is_near(line, &few.places);
+    }
+    circle_through(first, many.places[many.places.len() / 2], last).is_some_and(|(center, radius)| {
+        let circle = Curve2::Arc { center, radius, start: 0.0, sweep: TAU };
+        is_near(circle.clone(), &many.places) && is_near(circle, &few.places)
+    })
+}
+
+/// The centre and radius of the circle through three points; none if they are on a line.
+fn circle_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<([f64; 2], f64)> {
+    let [p, q] = [b, c].map(|end| [end[0] - a[0], end[1] - a[1]]);
+    let double = 2.0 * (p[0] * q[1] - p[1] * q[0]);
+    let [s, t] = [p, q].map(|d| d[0] * d[0] + d[1] * d[1]);
+    let off = [(q[1] * s - p[1] * t) / double, (p[0] * t - q[0] * s) / double];
+    let radius = off[0].hypot(off[1]);
+    radius.is_finite().then(|| ([a[0] + off[0], a[1] + off[1]], radius))
+}
+
+/// Curves that may be missing in a view and that no other view sees edge-on: circles, by pairs of lines in
+/// the other views, and lines between open ends.
+fn missing_candidates(drawing: &Drawing, v: usize) -> Vec<DrawnCurve> {
+    let near = ACCURACY * drawing.size();
+    let view = &drawing.views[v];
+    let mut found = circles_across(drawing, view.kind, near);
+    let ends: Vec<[f64; 2]> = (view.curves.iter().enumerate())
+        .filter(|(_, drawn)| drawn.style == LineStyle::Visible)
+        .flat_map(|(k, drawn)| {
+            let points = drawn.curve.points();
+            let ends = [points[0], points[points.len() - 1]];
+            let is_closed = distance(ends[0], ends[1]) <= near;
+            ends.into_iter().filter(move |_| !is_closed).map(move |end| (k, end))
+        })
+        .filter(|(k, end)| {
+            let mut others = view.curves.iter().enumerate().filter(|(other, _)| other != k);
+            !others.any(|(_, other)| distance(nearest_on_curve(&other.curve, *end), *end) <= near)
+        })
+        .map(|(_, end)| end)
+        .collect();
+    if ends.len() > MAX_OPEN_ENDS {
+        return found;
+    }
+    for (k, a) in ends.iter().enumerate() {
+        found.extend(ends[k + 1..].iter().filter(|b| distance(*a, **b) > near).map(|b| DrawnCurve {
+            curve: Curve2::Segment(*a, *b),
+            style: LineStyle::Visible,
+            entity: "candidate line".to_owned(),
+        }));
+    }
+    found
 }
 
 /// Joins the removal of a line and the addition of a similar one in the same view to a move.

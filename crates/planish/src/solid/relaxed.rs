@@ -48,14 +48,7 @@ pub(super) fn search_relaxed(
     // solid first and 11 a wrong one.
     let mut searched = solved(readings.iter().filter_map(without_hidden).collect())
         .filter(|searched| searched.found.complete && searched.found.solutions.len() == 1)?;
-    let (solid, drawing) = (&searched.found.solutions[0].solid, &searched.reading.drawing);
-    if let Some(at) = first_unseen_edge(solid, drawing, &ReprojectionOptions::default()) {
-        let [x, y, z] = at.to_array();
-        searched.undecided = Some(format!(
-            "the views draw no hidden lines, and none of them shows where the solid ends at {x:.4} {y:.4} \
-             {z:.4}, such as the depth of a hole: add hidden lines or a section"
-        ));
-    }
+    searched.undecided = open_end(&searched);
     Some(searched)
 }
 
@@ -81,6 +74,23 @@ pub(super) fn with_tolerance(reading: &ReadDrawing, mismatch: f64) -> Option<Rea
     let mut findings = reading.findings.clone();
     findings.push(Finding::new(FindingCode::ToleranceEstimated, text).with_setting(Setting::Tolerance));
     Some(ReadDrawing { drawing, findings, ..reading.clone() })
+}
+
+/// What the visible lines leave open of a solid; none if they determine it.
+fn open_end(searched: &SearchedReading) -> Option<String> {
+    let (solid, reading) = (&searched.found.solutions[0].solid, &searched.reading);
+    let [planes, ..] = solid.faces_by_kind();
+    if reading.has_centre_lines && planes == solid.faces.len() {
+        let text = "the views draw no hidden lines, and centre lines show something round that no visible line \
+                    shows: add hidden lines or a section";
+        return Some(text.to_owned());
+    }
+    let at = first_unseen_edge(solid, &reading.drawing, &ReprojectionOptions::default())?;
+    let [x, y, z] = at.to_array();
+    Some(format!(
+        "the views draw no hidden lines, and none of them shows where the solid ends at {x:.4} {y:.4} {z:.4}, \
+         such as the depth of a hole: add hidden lines or a section"
+    ))
 }
 
 /// Whether a view may omit hidden lines.

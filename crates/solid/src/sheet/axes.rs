@@ -10,7 +10,7 @@
 
 use super::choice::Choice;
 use super::{SheetReader, into_part};
-use crate::drawing::{Curve2, DrawnCurve, LineStyle, View, ViewContent, ViewKind};
+use crate::drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewContent, ViewKind};
 use std::f64::consts::TAU;
 
 /// Maximum number of candidates; with more, positions of equal holes cannot be told apart.
@@ -72,25 +72,10 @@ impl SheetReader<'_> {
                 continue;
             }
             if !self.are_round(a, b) {
-                are_open |= self.have_equal_extents(a, b);
+                are_open |= have_equal_extents(a, b, self.near);
                 continue;
             }
-            let is_known = |drawn: &DrawnCurve| match &drawn.curve {
-                Curve2::Arc { center, radius: known, .. } => {
-                    [center[0] - a.middle, center[1] - b.middle, known - a.radius]
-                        .iter()
-                        .all(|d| d.abs() <= self.near)
-                }
-                _ => false,
-            };
-            if !curves.iter().any(is_known) {
-                let center = [a.middle, b.middle];
-                curves.push(DrawnCurve {
-                    curve: Curve2::Arc { center, radius: a.radius, start: 0.0, sweep: TAU },
-                    style: LineStyle::Visible,
-                    entity: "candidate circle".to_owned(),
-                });
-            }
+            add_circle(&mut curves, [a.middle, b.middle], a.radius, self.near);
         }
         // Where centre lines are drawn, what has none is flat.
         let has_centre_lines = first.iter().chain(&second).any(|pair| pair.evidence >= Evidence::CentreLine);
@@ -106,15 +91,7 @@ impl SheetReader<'_> {
         let weaker = a.evidence.min(b.evidence);
         a.evidence.max(b.evidence) == Evidence::Diameter
             || weaker >= Evidence::CentreLine
-            || weaker == Evidence::HiddenLines && self.have_equal_extents(a, b)
-    }
-
-    /// Whether two pairs have the same ends along the axis; true if either has no ends.
-    fn have_equal_extents(&self, a: &LinePair, b: &LinePair) -> bool {
-        match (a.extent, b.extent) {
-            (Some(a), Some(b)) => (0..2).all(|e| (a[e] - b[e]).abs() <= self.near),
-            _ => true,
-        }
+            || weaker == Evidence::HiddenLines && have_equal_extents(a, b, self.near)
     }
 
     /// Pairs of lines of a view across an axis of the part, with their evidence.
@@ -133,7 +110,7 @@ impl SheetReader<'_> {
         let is_in = |p: [f64; 2]| {
             (0..2).all(|c| p[c] >= bounds[c][0] - self.near && p[c] <= bounds[c][1] + self.near)
         };
-        let mut found = self.pairs_of_extents(view, k);
+        let mut found = pairs_of_extents(view, k, self.near);
         let levels = self.levels_of_profiles(view, k);
         for line in &self.annotations.centre_lines {
             let middle = [0, 1].map(|c| (line[0][c] + line[1][c]) / 2.0);
@@ -178,41 +155,88 @@ impl SheetReader<'_> {
         levels.dedup_by(|b, a| (*b - *a).abs() <= self.near);
         levels
     }
+}
 
-    /// Neighbouring lines with the same ends along an axis: parallel to it, or slanted and mirrored. Slanted
-    /// ones make a pair for each end.
-    fn pairs_of_extents(&self, view: &View, k: usize) -> Vec<LinePair> {
-        // The ends along the axis, ascending, and the coordinates across it at these ends.
-        let mut lines: Vec<([f64; 2], [f64; 2], LineStyle)> = Vec::new();
-        for drawn in &view.curves {
-            let Curve2::Segment(a, b) = &drawn.curve else { continue };
-            let (a, b) = if a[1 - k] <= b[1 - k] { (a, b) } else { (b, a) };
-            if b[1 - k] - a[1 - k] > self.near {
-                lines.push(([a[1 - k], b[1 - k]], [a[k], b[k]], drawn.style));
-            }
+/// Neighbouring lines with the same ends along an axis: parallel to it, or slanted and mirrored. Slanted
+/// ones make a pair for each end.
+fn pairs_of_extents(view: &View, k: usize, accuracy: f64) -> Vec<LinePair> {
+    // The ends along the axis, ascending, and the coordinates across it at these ends.
+    let mut lines: Vec<([f64; 2], [f64; 2], LineStyle)> = Vec::new();
+    for drawn in &view.curves {
+        let Curve2::Segment(a, b) = &drawn.curve else { continue };
+        let (a, b) = if a[1 - k] <= b[1 - k] { (a, b) } else { (b, a) };
+        if b[1 - k] - a[1 - k] > accuracy {
+            lines.push(([a[1 - k], b[1 - k]], [a[k], b[k]], drawn.style));
         }
-        lines.sort_by(|a, b| (a.1[0] + a.1[1]).total_cmp(&(b.1[0] + b.1[1])));
-        let near = |a: f64, b: f64| (a - b).abs() <= 2.0 * self.near;
-        let mut found = Vec::new();
-        for (index, (extent, own, style)) in lines.iter().enumerate() {
-            // Mirrored about one middle at both ends.
-            let is_mirrored = |(ends, other, also): &&([f64; 2], [f64; 2], LineStyle)| {
-                also == style
-                    && (0..2).all(|e| near(ends[e], extent[e]))
-                    && near(other[0] + own[0], other[1] + own[1])
-            };
-            let Some((_, other, _)) = lines[index + 1..].iter().find(is_mirrored) else { continue };
-            let evidence = match style {
-                LineStyle::Hidden => Evidence::HiddenLines,
-                LineStyle::Visible => Evidence::Outlines,
-            };
-            let mut radii = [0, 1].map(|e| (other[e] - own[e]) / 2.0).to_vec();
-            radii.dedup_by(|b, a| near(*b, *a));
-            for radius in radii.into_iter().filter(|r| r.abs() > self.near) {
-                let middle = (own[0] + other[0]) / 2.0;
-                found.push(LinePair { middle, radius: radius.abs(), evidence, extent: Some(*extent) });
-            }
+    }
+    lines.sort_by(|a, b| (a.1[0] + a.1[1]).total_cmp(&(b.1[0] + b.1[1])));
+    let near = |a: f64, b: f64| (a - b).abs() <= 2.0 * accuracy;
+    let mut found = Vec::new();
+    for (index, (extent, own, style)) in lines.iter().enumerate() {
+        // Mirrored about one middle at both ends.
+        let is_mirrored = |(ends, other, also): &&([f64; 2], [f64; 2], LineStyle)| {
+            also == style
+                && (0..2).all(|e| near(ends[e], extent[e]))
+                && near(other[0] + own[0], other[1] + own[1])
+        };
+        let Some((_, other, _)) = lines[index + 1..].iter().find(is_mirrored) else { continue };
+        let evidence = match style {
+            LineStyle::Hidden => Evidence::HiddenLines,
+            LineStyle::Visible => Evidence::Outlines,
+        };
+        let mut radii = [0, 1].map(|e| (other[e] - own[e]) / 2.0).to_vec();
+        radii.dedup_by(|b, a| near(*b, *a));
+        for radius in radii.into_iter().filter(|r| r.abs() > accuracy) {
+            let middle = (own[0] + other[0]) / 2.0;
+            found.push(LinePair { middle, radius: radius.abs(), evidence, extent: Some(*extent) });
         }
-        found
+    }
+    found
+}
+
+/// Circles along the line of sight of a kind of view that pairs of lines of equal widths and ends in two
+/// other views may show.
+pub(crate) fn circles_across(drawing: &Drawing, kind: ViewKind, accuracy: f64) -> Vec<DrawnCurve> {
+    let [right, up, along] = kind.axes();
+    let [first, second] = [right, up].map(|across| {
+        let views = drawing.views.iter().filter(|view| {
+            view.is_compared() && view.kind.axes()[2] != along && view.kind.axes()[..2].contains(&across)
+        });
+        views
+            .flat_map(|view| pairs_of_extents(view, usize::from(view.kind.axes()[1] == across), accuracy))
+            .collect::<Vec<LinePair>>()
+    });
+    let mut curves: Vec<DrawnCurve> = Vec::new();
+    for (a, b) in first.iter().flat_map(|a| second.iter().map(move |b| (a, b))) {
+        if (a.radius - b.radius).abs() <= accuracy && have_equal_extents(a, b, accuracy) {
+            add_circle(&mut curves, [a.middle, b.middle], a.radius, accuracy);
+        }
+    }
+    curves.truncate(MAX_CIRCLES);
+    curves
+}
+
+/// Adds a circle unless it is known.
+fn add_circle(curves: &mut Vec<DrawnCurve>, center: [f64; 2], radius: f64, accuracy: f64) {
+    let is_known = |drawn: &DrawnCurve| match &drawn.curve {
+        Curve2::Arc { center: known, radius: r, .. } => {
+            [known[0] - center[0], known[1] - center[1], r - radius].iter().all(|d| d.abs() <= accuracy)
+        }
+        _ => false,
+    };
+    if !curves.iter().any(is_known) {
+        curves.push(DrawnCurve {
+            curve: Curve2::Arc { center, radius, start: 0.0, sweep: TAU },
+            style: LineStyle::Visible,
+            entity: "candidate circle".to_owned(),
+        });
+    }
+}
+
+/// Whether two pairs have the same ends along the axis; true if either has no ends.
+fn have_equal_extents(a: &LinePair, b: &LinePair, accuracy: f64) -> bool {
+    match (a.extent, b.extent) {
+        (Some(a), Some(b)) => (0..2).all(|e| (a[e] - b[e]).abs() <= accuracy),
+        _ => true,
     }
 }

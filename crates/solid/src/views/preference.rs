@@ -191,13 +191,15 @@ impl Preferences {
     }
 }
 
-/// A preference for each circle of a view; none if there are no surfaces of revolution.
+/// A preference for each circle of a view, and for each slanted line beside candidates of circles; none if
+/// there are no surfaces of revolution.
 fn surfaces(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     // Oblique walls are not combined with surfaces of revolution, so there is nothing to prefer.
     if plan.walls.is_empty() || plan.has_oblique_walls() {
         return Vec::new();
     }
+    let has_candidates = plan.views.iter().any(|view| view.is_candidates);
     let mut pairs: BTreeMap<(usize, usize), Vec<[u32; 2]>> = BTreeMap::new();
     let n = [0, 1, 2].map(|a| plan.intervals(a));
     for place in 0..n[0] * n[1] * n[2] {
@@ -211,7 +213,8 @@ fn surfaces(cells: &Cells) -> Vec<Preference> {
             for &index in pieces_in(plan, view, cell) {
                 let piece = &shown.pieces[index as usize];
                 let profile = shown.profile(index);
-                if !matches!(profile, Profile::Circle { .. }) {
+                // Where a circle is a candidate, a pyramid could be in the place of a cone.
+                if !has_candidates && !matches!(profile, Profile::Circle { .. }) {
                     continue;
                 }
                 for s in SHARES {
