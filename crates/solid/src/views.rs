@@ -71,6 +71,7 @@ mod wall_sight;
 mod wireframe;
 
 use crate::brep::{Measures, Solid};
+use crate::drawing::ViewContent;
 pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
@@ -339,7 +340,9 @@ fn solve_with(drawing: &Drawing, conventions: Conventions, scale: f64) -> Result
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
         // Strict candidates come first because the centre of every fillet also makes a false torus.
-        let is_first = conventions == Conventions::USUAL;
+        // Nor for doubtful views: each of them is searched once.
+        let is_doubtful = drawing.views.iter().any(|view| view.content == ViewContent::Doubtful);
+        let is_first = conventions == Conventions::USUAL && !is_doubtful;
         let are_tried = cheapest.is_none() && is_first;
         if is_too_large || !strict && !are_tried {
             break;
@@ -434,6 +437,13 @@ fn solve_grid(
     if !solutions.unexplained.is_empty() {
         // Not an error: the caller reports the lines.
         return Ok(solutions);
+    }
+    let is_empty = solutions.solutions.is_empty();
+    if is_empty && solutions.rejected.is_empty() && !found.complete {
+        return Err(Error::unsupported(
+            "the search ended at its limit before it found a solid: fewer lines, or more views and hidden \
+             lines, make it smaller",
+        ));
     }
     solutions.keep_manifold();
     if solutions.solutions.is_empty() {

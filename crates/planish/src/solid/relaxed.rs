@@ -18,7 +18,7 @@ use planish_solid::views::{coordinate_mismatches, joined};
 const MARGIN: f64 = 1.1;
 
 /// Maximum number of readings of a sheet that are relaxed, because each search takes time.
-pub(super) const MAX_READINGS: usize = 2;
+const MAX_READINGS: usize = 2;
 
 /// Searches the readings of a drawing with more and more freedom; none if no solid is found.
 pub(super) fn search_relaxed(

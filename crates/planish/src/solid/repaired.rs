@@ -1,7 +1,7 @@
 //! The least edit of a drawing that no solid explains, in reports.
 
 use super::UnexplainedLine;
-use super::relaxed::{MAX_READINGS, with_tolerance};
+use super::relaxed::with_tolerance;
 use super::search::SearchedReading;
 use super::sheet::ReadDrawing;
 use planish_core::{Finding, FindingCode, Progress, Setting};
@@ -98,23 +98,23 @@ impl Repaired {
     }
 }
 
-/// The least edit of the most plausible readings of a drawing, each as it is and with joined coordinates.
+/// The least edit of the most plausible reading of a drawing, as it is, or else with joined coordinates.
 pub(super) fn repaired(
     readings: &[ReadDrawing],
     is_exact: bool,
     progress: &dyn Progress,
 ) -> Result<Option<Repaired>> {
-    for reading in readings.iter().take(MAX_READINGS) {
-        let mismatches = match is_exact {
-            true => Vec::new(),
-            false => coordinate_mismatches(&reading.drawing),
-        };
-        let joined = mismatches.into_iter().filter_map(|mismatch| with_tolerance(reading, mismatch));
-        for reading in std::iter::once(reading.clone()).chain(joined) {
-            progress.check("repairing", 0.5)?;
-            if let Some(repair) = repair(&reading.drawing) {
-                return Ok(Some(Repaired { reading, repair }));
-            }
+    let Some(reading) = readings.first() else { return Ok(None) };
+    // Each tolerance takes a search for each view, so only the largest is tried.
+    let mismatch = match is_exact {
+        true => None,
+        false => coordinate_mismatches(&reading.drawing).pop(),
+    };
+    let joined = mismatch.and_then(|mismatch| with_tolerance(reading, mismatch));
+    for reading in std::iter::once(reading.clone()).chain(joined) {
+        progress.check("repairing", 0.5)?;
+        if let Some(repair) = repair(&reading.drawing) {
+            return Ok(Some(Repaired { reading, repair }));
         }
     }
     Ok(None)

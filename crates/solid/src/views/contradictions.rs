@@ -31,7 +31,7 @@ pub(super) fn satisfiable(
         let mut named: Vec<usize> = (0..switches.len())
             .filter(|&s| core.contains(&switches[s].0) || core.contains(&!switches[s].0))
             .collect();
-        if named.is_empty() {
+        if named.is_empty() || encoder.is_exhausted() {
             return (Vec::new(), unexplained);
         }
         if unexplained.len() < MAX_SINGLE_QUERIES {
@@ -70,6 +70,9 @@ pub(super) fn satisfiable_without_a_line(
     let lines: BTreeSet<(usize, usize)> = named.clone().flat_map(|(_, index)| lines_of(*index)).collect();
     let mut sets = Vec::new();
     for line in lines.into_iter().take(MAX_LINES_LEFT_OUT) {
+        if encoder.is_exhausted() {
+            break;
+        }
         let kept = switches.iter().filter(|(_, index)| !lines_of(*index).any(|l| l == line));
         let kept: Vec<Lit> = kept.map(|s| s.0).collect();
         if encoder.solver.solve_limited(&kept) == lbool::TRUE {

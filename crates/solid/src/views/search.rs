@@ -16,6 +16,9 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 /// Number of contradictions that are resolved by dropping a single test or preference of their core. Later
 /// ones drop all of it: fewer are kept, but drawings with many contradictions end sooner.
 pub(super) const MAX_SINGLE_QUERIES: usize = 60;
+/// Maximum number of propagated literals of a search. It bounds the run time without a clock, so that results
+/// are the same on each machine.
+const MAX_PROPAGATIONS: u64 = 20_000_000;
 /// Maximum number of assignments for each line that is left out.
 const MAX_WITHOUT_A_LINE: usize = 4;
 
@@ -167,6 +170,11 @@ impl Encoder {
         }
         self.differences.insert(key, differ);
         differ
+    }
+
+    /// Whether the search has reached its limit.
+    pub(super) fn is_exhausted(&self) -> bool {
+        self.solver.num_propagations() > MAX_PROPAGATIONS
     }
 
     fn clause(&mut self, mut literals: Vec<Lit>) {
@@ -347,7 +355,7 @@ impl Encoder {
             if self.solver.solve_limited(&assumed) == lbool::TRUE {
                 return Some(assumed);
             }
-            if preferred.is_empty() {
+            if preferred.is_empty() || self.is_exhausted() {
                 return None;
             }
             let core: Vec<Lit> = self.solver.unsat_core().to_vec();
@@ -392,8 +400,8 @@ impl Encoder {
                 regularity = Regularity::Any;
                 is_found = self.solver.solve_limited(on) == lbool::TRUE;
             }
-            if !is_found {
-                return count < limit;
+            if !is_found || self.is_exhausted() {
+                return count < limit && !is_found;
             }
         }
     }
@@ -522,8 +530,8 @@ pub(crate) fn search(
         false => satisfiable(sight_tests, &mut encoder, switches),
     };
     // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
-    if !unexplained.is_empty() {
-        return SearchResult { complete: true, unexplained };
+    if !unexplained.is_empty() || sets.is_empty() {
+        return SearchResult { complete: !encoder.is_exhausted(), unexplained };
     }
     let mut preferred: Vec<Lit> = preferences.undrawn.iter().map(|p| encoder.prefer(p)).collect();
     let patterns: Vec<Lit> = preferences.patterns.iter().map(|p| encoder.prefer(p)).collect();
@@ -535,10 +543,19 @@ pub(crate) fn search(
         // Switches that stay on are clauses: each of the following queries would propagate them again.
         on.iter().for_each(|switch| encoder.clause(vec![*switch]));
         let complete = encoder.enumerate(&[], &preferred, &patterns, limit, &mut accept);
-        return SearchResult { complete: complete && !is_doubtful, unexplained };
+        let complete = complete && !is_doubtful && !encoder.is_exhausted();
+        if std::env::var_os("OB_DEBUG").is_some() {
+            eprintln!(
+                "tests {} propagations {} conflicts {}",
+                sight_tests.tests.len(),
+                encoder.solver.num_propagations(),
+                encoder.solver.num_conflicts()
+            );
+        }
+        return SearchResult { complete, unexplained };
     }
     for on in &sets {
         encoder.enumerate(on, &preferred, &patterns, MAX_WITHOUT_A_LINE, &mut accept);
     }
-    SearchResult { complete: sets.is_empty(), unexplained }
+    SearchResult { complete: false, unexplained }
 }
