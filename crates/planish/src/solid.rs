@@ -316,9 +316,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let Some(page) = &job.report {
         let solids: Vec<&Solid> = accepted.iter().map(|solution| &solution.solid).collect();
         let made = solid_page(&report, &drawing, &solids, tolerance, &job.views)?;
-        let inputs: Vec<(PathBuf, String)> =
-            job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect();
-        page.write(made, &inputs)?;
+        page.write(made, &job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect::<Vec<_>>())?;
         report.written.push(page.path.clone());
     }
     Ok(report)
