@@ -18,7 +18,7 @@ use crate::drawing::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewContent, 
 use crate::drawing::{distance, nearest_on_curve};
 use crate::reprojection::{Difference, Disagreement, ReprojectionOptions, disagreements};
 use crate::sheet::circles_across;
-use crate::views::{Solution, solve_doubtful};
+use crate::views::{Bodies, Solution, solve_doubtful};
 use std::f64::consts::TAU;
 
 /// Maximum cost of a repair. Every drawing shows a solid after enough edits, so more would prove nothing.
@@ -133,20 +133,28 @@ impl Repair {
 /// ```
 #[must_use]
 pub fn repair(drawing: &Drawing) -> Option<Repair> {
+    // Bodies that touch only if one body is not enough, as in the search.
+    repair_with(drawing, Bodies::Apart).or_else(|| repair_with(drawing, Bodies::MayTouch))
+}
+
+fn repair_with(drawing: &Drawing, bodies: Bodies) -> Option<Repair> {
     let mut best: Option<Repair> = None;
-    for v in 0..drawing.views.len() {
-        if drawing.views[v].content != ViewContent::AllEdges {
+    // Sections repeat surfaces of views, which makes the search fail where lines are missing; the comparison
+    // below includes them.
+    let views = drawing.without_sections().unwrap_or_else(|| drawing.clone());
+    for v in 0..views.views.len() {
+        if views.views[v].content != ViewContent::AllEdges {
             continue;
         }
-        let mut doubtful = drawing.clone();
+        let mut doubtful = views.clone();
         doubtful.views[v].content = ViewContent::Doubtful;
         let curves = missing_candidates(&doubtful, v);
         if !curves.is_empty() {
-            let kind = drawing.views[v].kind;
+            let kind = views.views[v].kind;
             doubtful.views.push(View { kind, curves, content: ViewContent::Candidates });
         }
         // A view that no solid explains without one of its lines has another error.
-        let Ok(found) = solve_doubtful(&doubtful) else { continue };
+        let Ok(found) = solve_doubtful(&doubtful, bodies) else { continue };
         for solution in found.solutions {
             let found = disagreements(&solution.solid, drawing, &ReprojectionOptions::default());
             let edits = edits(drawing, &found);

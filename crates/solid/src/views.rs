@@ -79,7 +79,8 @@ use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::{coordinate_mismatches, joined};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
-use search::{Bodies, CellState, Conventions, Regularity, SmoothEdges};
+pub(crate) use search::Bodies;
+use search::{CellState, Conventions, Regularity, SmoothEdges};
 use sight::Expected;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -258,9 +259,10 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     in_usual_size(drawing, solve_scaled)
 }
 
-/// Finds solids of a drawing with a doubtful view, in the usual conventions only.
-pub(crate) fn solve_doubtful(drawing: &Drawing) -> Result<Solutions> {
-    in_usual_size(drawing, |drawing, scale| solve_with(drawing, Conventions::USUAL, scale))
+/// Finds solids of a drawing with a doubtful view, without tangent edges.
+pub(crate) fn solve_doubtful(drawing: &Drawing, bodies: Bodies) -> Result<Solutions> {
+    let conventions = Conventions { bodies, ..Conventions::USUAL };
+    in_usual_size(drawing, |drawing, scale| solve_with(drawing, conventions, scale))
 }
 
 /// Scales a drawing to a typical size, solves it, and scales the solids back.
