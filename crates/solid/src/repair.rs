@@ -27,6 +27,8 @@ pub const MAX_COST: f64 = 3.0;
 const COST_OF_MOVE: f64 = 1.5;
 /// Distance within which ends of lines meet, relative to the size of the drawing.
 const ACCURACY: f64 = 1e-5;
+/// Distance within which a candidate is a drawn curve, in distances of ends that meet.
+const COINCIDENT: f64 = 10.0;
 /// Maximum number of open ends of a view that are joined by candidates. A missing line leaves two.
 const MAX_OPEN_ENDS: usize = 6;
 /// Maximum difference of the sizes of a line before and after it is moved, relative to the larger one. The
@@ -283,16 +285,26 @@ fn missing_candidates(drawing: &Drawing, v: usize) -> Vec<DrawnCurve> {
         })
         .map(|(_, end)| end)
         .collect();
-    if ends.len() > MAX_OPEN_ENDS {
-        return found;
-    }
-    for (k, a) in ends.iter().enumerate() {
-        found.extend(ends[k + 1..].iter().filter(|b| distance(*a, **b) > near).map(|b| DrawnCurve {
+    let open = if ends.len() > MAX_OPEN_ENDS { &[][..] } else { &ends[..] };
+    for (k, a) in open.iter().enumerate() {
+        found.extend(open[k + 1..].iter().filter(|b| distance(*a, **b) > near).map(|b| DrawnCurve {
             curve: Curve2::Segment(*a, *b),
             style: LineStyle::Visible,
             entity: "candidate line".to_owned(),
         }));
     }
+    // A surface that is drawn already would be there twice.
+    let is_drawn = |candidate: &DrawnCurve| {
+        let mut places = candidate.curve.points();
+        if let [a, b] = places[..] {
+            places = vec![[0, 1].map(|k| (a[k] + b[k]) / 2.0)];
+        }
+        let is_on = |p: &[f64; 2]| {
+            view.curves.iter().any(|c| distance(nearest_on_curve(&c.curve, *p), *p) <= COINCIDENT * near)
+        };
+        places.iter().all(is_on)
+    };
+    found.retain(|candidate| !is_drawn(candidate));
     found
 }
 

@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 const SHARES: [f64; 3] = [0.23, 0.52, 0.81];
 
 /// The middle of the first edge that no view shows in front of all other lines, and that is not in the outer
-/// border of a face at an end of the part.
+/// border of a face at an end of the part, nor between ends of such edges.
 ///
 /// The rim at which a hole leaves the part has the same image as the rim at which it enters, so it is such an
 /// edge; the lower edges of a block are not.
@@ -43,9 +43,16 @@ pub(super) fn first_unseen(solid: &Solid, drawing: &Drawing, options: &Reproject
             at_ends.extend(outer.iter().map(|coedge| coedge.edge));
         }
     }
-    let is_open = |edge: &usize| {
-        let is_drawn = prepared.edges.is_sharp(solid, &prepared.scene.faces, *edge);
-        is_drawn && !seen.contains(edge) && !at_ends.contains(edge)
+    // An edge between two places that are known is known: the inner corner of a step.
+    let known: BTreeSet<usize> = (seen.iter().filter(|group| **group < solid.edges.len()))
+        .chain(&at_ends)
+        .flat_map(|edge| [solid.edges[*edge].start, solid.edges[*edge].end])
+        .collect();
+    let is_open = |index: &usize| {
+        let edge = &solid.edges[*index];
+        let is_between = edge.start != edge.end && known.contains(&edge.start) && known.contains(&edge.end);
+        let is_sharp = prepared.edges.is_sharp(solid, &prepared.scene.faces, *index);
+        is_sharp && !seen.contains(index) && !at_ends.contains(index) && !is_between
     };
     (0..solid.edges.len()).find(is_open).map(|edge| middle(solid, edge))
 }
