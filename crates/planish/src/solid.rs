@@ -31,7 +31,6 @@ use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
-use planish_solid::drawing::{View, ViewContent};
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::Disagreement;
 pub use planish_solid::sheet::Projection;
