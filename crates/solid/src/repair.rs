@@ -22,11 +22,14 @@ use crate::views::{Bodies, Solution, solve_doubtful};
 use std::f64::consts::TAU;
 
 /// Maximum cost of a repair. Every drawing shows a solid after enough edits, so more would prove nothing.
-pub const MAX_COST: f64 = 3.0;
+pub const MAX_COST: f64 = 2.0;
 /// Cost of a moved line: more than one line that is added or removed, less than both.
 const COST_OF_MOVE: f64 = 1.5;
 /// Distance within which ends of lines meet, relative to the size of the drawing.
 const ACCURACY: f64 = 1e-5;
+/// Maximum number of curves of a drawing that is repaired. Each view is searched several times, which takes
+/// more than a minute for some larger drawings.
+const MAX_CURVES: usize = 120;
 /// Distance within which a candidate is a drawn curve, in distances of ends that meet.
 const COINCIDENT: f64 = 10.0;
 /// Maximum number of open ends of a view that are joined by candidates. A missing line leaves two.
@@ -135,8 +138,16 @@ impl Repair {
 /// ```
 #[must_use]
 pub fn repair(drawing: &Drawing) -> Option<Repair> {
-    // Bodies that touch only if one body is not enough, as in the search.
-    repair_with(drawing, Bodies::Apart).or_else(|| repair_with(drawing, Bodies::MayTouch))
+    if drawing.views.iter().map(|view| view.curves.len()).sum::<usize>() > MAX_CURVES {
+        return None;
+    }
+    let apart = repair_with(drawing, Bodies::Apart);
+    if apart.as_ref().is_some_and(|repair| repair.cost() <= COST_OF_MOVE) {
+        return apart;
+    }
+    // Two edits of one body may be one edit of bodies that touch.
+    let touching = repair_with(drawing, Bodies::MayTouch);
+    [apart, touching].into_iter().flatten().min_by(|a, b| a.cost().total_cmp(&b.cost()))
 }
 
 fn repair_with(drawing: &Drawing, bodies: Bodies) -> Option<Repair> {
