@@ -81,15 +81,15 @@ fn open_end(searched: &SearchedReading) -> Option<String> {
     let (solid, reading) = (&searched.found.solutions[0].solid, &searched.reading);
     let [planes, ..] = solid.faces_by_kind();
     if reading.has_centre_lines && planes == solid.faces.len() {
-        let text = "the views draw no hidden lines, and centre lines show something round that no visible line \
-                    shows: add hidden lines or a section";
+        let text = "the views draw no hidden lines, and centre lines show something round that no visible \
+                    line shows: add hidden lines or a section";
         return Some(text.to_owned());
     }
     let at = first_unseen_edge(solid, &reading.drawing, &ReprojectionOptions::default())?;
     let [x, y, z] = at.to_array();
     Some(format!(
-        "the views draw no hidden lines, and none of them shows where the solid ends at {x:.4} {y:.4} {z:.4}, \
-         such as the depth of a hole: add hidden lines or a section"
+        "the views draw no hidden lines, and none of them shows where the solid ends at {x:.4} {y:.4} \
+         {z:.4}, such as the depth of a hole: add hidden lines or a section"
     ))
 }
 

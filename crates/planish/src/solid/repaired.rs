@@ -84,7 +84,8 @@ impl Repaired {
             }
             false => {
                 let text = format!(
-                    "the drawing shows a solid after edits: {first}{more}{others}; request a repair to write it"
+                    "the drawing shows a solid after edits: {first}{more}{others}; request a repair to \
+                     write it"
                 );
                 Finding::new(FindingCode::RepairFound, text).with_setting(Setting::Repair)
             }

@@ -144,8 +144,8 @@ pub(super) fn searched(reading: ReadDrawing, drawing: &Drawing) -> Result<Search
     let compared = |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
     let differences = found.solutions.iter().map(compared).collect();
     let undecided = reading.open_widths.then(|| {
-        "the two views show outlines of equal widths, which may be round or flat, and the sheet has no centre \
-         lines: add a view along the missing direction, centre lines, or a diameter (Ø)"
+        "the two views show outlines of equal widths, which may be round or flat, and the sheet has no \
+         centre lines: add a view along the missing direction, centre lines, or a diameter (Ø)"
             .to_owned()
     });
     Ok(SearchedReading { reading, found, differences, undecided })
