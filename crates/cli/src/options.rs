@@ -39,6 +39,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::PixelSize => "--pixel-size",
         Setting::Product => "--product",
         Setting::Projection => "--projection",
+        Setting::Repair => "--repair",
         Setting::RangeGate => "--range-gate",
         Setting::Reference => "--reference",
         Setting::Region => "--region",

@@ -89,6 +89,11 @@ pub struct SolidArgs {
     /// Write all solids with these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     all: bool,
+    /// Write the solid with the fewest edits of lines if no solid has these views
+    ///
+    /// Lines are added, removed, moved or drawn in the other style. The edits are listed first.
+    #[arg(long)]
+    repair: bool,
     /// Arrangement of the views of one file
     #[arg(long, value_enum, default_value_t = ProjectionName::Auto, help_heading = "Views")]
     projection: ProjectionName,
@@ -193,6 +198,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         mesh_tolerance: args.mesh_tolerance,
         tolerance: args.tolerance,
         all: args.all,
+        repair: args.repair,
         unit: args.common.unit.map(Into::into),
         report: args.page.output(&args.common),
     };

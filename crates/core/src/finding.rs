@@ -238,7 +238,16 @@ codes! {
         "A solid has hidden edges in a view that draws no hidden lines.",
     ToleranceEstimated = "tolerance-estimated", Warning:
         "Coordinates that nearly agree are treated as equal to find a solid.",
+    SectionSetAside = "section-set-aside", Warning:
+        "A section contradicts the solid of the complete views, and was not used.",
+    DiametersUsed = "diameters-used", Info:
+        "Diameters, centre lines or the style of a drawing show what is round.",
     NoSolid = "no-solid", Error: "No solid explains all lines.",
+    RepairFound = "repair-found", Warning: "A drawing shows a solid after few edits, which are listed.",
+    DrawingRepaired = "drawing-repaired", Warning:
+        "The solid is that of a drawing after the edits that are listed.",
+    SolidsUndecided = "solids-undecided", Error:
+        "Several solids have these views, and nothing on the drawing prefers one of them.",
     SolidUnique = "solid-unique", Info: "Exactly one solid has these views.",
     TwoViews = "two-views", Warning:
         "Two views leave open whether faces along the missing direction are flat or round.",

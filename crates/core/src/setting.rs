@@ -63,6 +63,7 @@ settings! {
     RangeGate = "range_gate": "Ranges that are used.",
     Reference = "reference": "The reference of a comparison.",
     Region = "region": "The region that is used.",
+    Repair = "repair": "Find the solid with the fewest edits of a drawing.",
     Scan = "first_scan": "The first scan of a log.",
     Scans = "scan_count": "Number of scans of a log.",
     Shape = "shape": "The topology of the surface.",

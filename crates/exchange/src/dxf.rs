@@ -155,6 +155,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
         ));
     }
     drawing.annotations.dimensions = lengths.of(&dimensions)?;
+    drawing.annotations.diameters = lengths.diameters(&dimensions)?;
     drawing.findings.extend(dimension::conflicts(&dimensions, &drawing)?);
     // Otherwise any text of alternating whole numbers and words would count as an empty drawing.
     if !ended && drawing.curves.is_empty() {

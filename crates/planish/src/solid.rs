@@ -11,6 +11,8 @@ mod nearby_curves;
 mod noisy;
 mod page;
 mod relaxed;
+mod repaired;
+mod search;
 mod sheet;
 mod writing;
 
@@ -18,6 +20,7 @@ pub use noisy::{NoisyGeometry, ReportedView};
 use planish_core::finding::with_warnings;
 use planish_core::{Finding, FindingCode, Length, Setting};
 use planish_report::numbers::significant;
+pub use repaired::ReportedEdit;
 pub use sheet::{ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
 
 use crate::graphs::{check_graphs_name, write_graphs};
@@ -25,15 +28,15 @@ use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use page::solid_page;
 use planish_core::Progress;
-use planish_estimate::{Error, ErrorKind, Result};
+use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
-use planish_solid::drawing::{View, ViewContent};
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
-use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
+use planish_solid::reprojection::Disagreement;
 pub use planish_solid::sheet::Projection;
 pub use planish_solid::views::ViewKind;
-use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, Solutions, solve};
+use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution};
+use search::{SearchedReading, search_further, search_readings};
 use serde::Serialize;
 use sheet::ReadDrawing;
 use std::path::PathBuf;
@@ -63,6 +66,8 @@ pub struct SolidJob {
     pub tolerance: Option<Length>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
+    /// Whether the solid with the least edit of the drawing is written, if no solid explains it as it is.
+    pub repair: bool,
     /// Unit if no file states one.
     pub unit: Option<Unit>,
     /// A page that shows the solids side by side, and their views.
@@ -82,6 +87,7 @@ impl Default for SolidJob {
             mesh_tolerance: None,
             tolerance: None,
             all: false,
+            repair: false,
             unit: None,
             report: None,
         }
@@ -186,6 +192,9 @@ pub struct SolidReport {
     pub solutions: Vec<RankedSolid>,
     /// Whether the search was complete, so that no other solid has these views.
     pub complete: bool,
+    /// The edits after which the drawing shows a solid, if it shows none as it is and few are enough.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub edits: Vec<ReportedEdit>,
     /// Lines that no solid explains. If there are any, there are no solutions.
     pub unexplained: Vec<UnexplainedLine>,
     /// Solids that were found, but whose views are not the drawing.
@@ -223,7 +232,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let (readings, unit) = match &noisy {
         Some(noisy) => {
             let drawing = noisy.consistent.exact_views()?;
-            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new(), rounding: 0.0 }], noisy.unit)
+            (vec![ReadDrawing { drawing, ..ReadDrawing::default() }], noisy.unit)
         }
         None => drawing::read(job)?,
     };
@@ -232,24 +241,21 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         Some(noisy) => noisy.explain(error),
         None => drawing::explain(error, drawing, &job.views),
     };
-    let searched = match search_readings(readings.clone(), progress, explain) {
-        // A search that is cut off has many solids; a weaker reading has more.
-        Ok(searched) if searched.is_solved() || !searched.found.complete => searched,
-        // A drawing that is too large for the search stays so.
-        Err(error) if error.kind() == ErrorKind::Unsupported => return Err(error),
-        strict => {
-            // Contours are consistent within their σ already, and a given tolerance was applied on reading.
-            let is_exact = noisy.is_some() || job.tolerance.is_some();
-            relaxed::search_relaxed(&readings, is_exact, progress).map_or(strict, Ok)?
-        }
-    };
+    // Contours are consistent within their σ already, and a given tolerance was applied on reading.
+    let is_exact = noisy.is_some() || job.tolerance.is_some();
+    let strict = search_readings(readings.clone(), progress, explain);
+    let (searched, edits) = search_further(strict, &readings, is_exact, job.repair, progress)?;
     let SearchedReading {
         reading: ReadDrawing { drawing, sheet, findings: noticed, .. },
         found,
         differences,
+        undecided,
     } = searched;
     findings.extend(noticed);
-    let (accepted, refused) = split_by(&differences, &found.solutions);
+    let (mut accepted, mut refused) = split_by(&differences, &found.solutions);
+    if undecided.is_some() {
+        refused.splice(..0, accepted.drain(..).map(|solution| refused_solid(solution, &[])));
+    }
     let geometry = match (&noisy, accepted.first()) {
         (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
         _ => None,
@@ -264,7 +270,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         findings.push(Finding::new(FindingCode::SearchIncomplete, text));
     }
     // Coordinates that nearly agree are the usual reason. In contours, σ has decided already which are equal.
-    if accepted.is_empty() && noisy.is_none() {
+    if accepted.is_empty() && noisy.is_none() && undecided.is_none() {
         findings.extend(drawing::misses(&drawing, &job.views));
     }
     progress.check(planish_core::WRITING_STAGE, 0.9)?;
@@ -279,6 +285,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         sheet,
         geometry,
         complete: found.complete,
+        edits,
         unexplained: found
             .unexplained
             .into_iter()
@@ -294,7 +301,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
-    report.findings.extend(judge(&report, complete_views(&drawing)));
+    report.findings.extend(judge(&report, drawing.whole_views(), undecided));
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
             write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.findings)?.as_ref())?;
@@ -308,81 +315,10 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let Some(page) = &job.report {
         let solids: Vec<&Solid> = accepted.iter().map(|solution| &solution.solid).collect();
         let made = solid_page(&report, &drawing, &solids, tolerance, &job.views)?;
-        let inputs: Vec<(PathBuf, String)> =
-            job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect();
-        page.write(made, &inputs)?;
+        page.write(made, &job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect::<Vec<_>>())?;
         report.written.push(page.path.clone());
     }
     Ok(report)
-}
-
-/// A reading of a drawing, and what was found for it.
-struct SearchedReading {
-    reading: ReadDrawing,
-    found: Solutions,
-    /// The lines in which each solution differs from the drawing.
-    differences: Vec<Vec<Disagreement>>,
-}
-
-impl SearchedReading {
-    fn is_solved(&self) -> bool {
-        self.differences.iter().any(Vec::is_empty)
-    }
-
-    fn convention(&self) -> Option<&'static str> {
-        self.reading.sheet.as_ref().map(|sheet| sheet.projection)
-    }
-}
-
-/// Searches the readings of a drawing, and returns the first that has a solid, or else the first. If a solid
-/// has the views in the other convention as well, this is a finding.
-fn search_readings(
-    readings: Vec<ReadDrawing>,
-    progress: &dyn Progress,
-    explain: impl Fn(Error, &Drawing) -> Error,
-) -> Result<SearchedReading> {
-    let mut first: Option<Result<SearchedReading>> = None;
-    let mut solved: Option<SearchedReading> = None;
-    for reading in readings {
-        // Of the other readings in the convention of the solid, none is as plausible.
-        let convention = reading.sheet.as_ref().map(|sheet| sheet.projection);
-        if solved.as_ref().is_some_and(|used| used.convention() == convention) {
-            continue;
-        }
-        progress.check("searching", 0.1)?;
-        // Sections beside complete views choose among the solids of these; they are needed for the search
-        // only if none of these solids agrees with them.
-        let views = reading.drawing.without_further_sections();
-        let by_views = views.and_then(|views| searched(reading.clone(), &views).ok());
-        // Errors of the search refer to entities of the drawing. The files are known only to the caller.
-        let searched = match by_views.filter(SearchedReading::is_solved) {
-            Some(by_views) => Ok(by_views),
-            None => searched(reading.clone(), &reading.drawing).map_err(|e| explain(e, &reading.drawing)),
-        };
-        progress.check("comparing", 0.6)?;
-        match (searched, &mut solved) {
-            (Ok(searched), Some(used)) if searched.is_solved() => {
-                used.reading.findings.extend(used.reading.sheet.as_ref().map(sheet::open_convention));
-                break;
-            }
-            (Ok(searched), None) if searched.is_solved() => solved = Some(searched),
-            (searched, _) => {
-                first.get_or_insert(searched);
-            }
-        }
-    }
-    let none = || Err(Error::input("expected views, found none"));
-    solved.map_or_else(|| first.unwrap_or_else(none), Ok)
-}
-
-/// Finds the solids of a drawing, and compares them with all views of a reading.
-fn searched(reading: ReadDrawing, drawing: &Drawing) -> Result<SearchedReading> {
-    let found = solve(drawing)?;
-    // The search samples places and can miss one. An independent check by rays decides what is written
-    // (`docs/decisions/0058`).
-    let compared = |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
-    let differences = found.solutions.iter().map(compared).collect();
-    Ok(SearchedReading { reading, found, differences })
 }
 
 /// Splits solutions into those that show exactly the lines of the drawing and those that are refused.
@@ -395,14 +331,18 @@ fn split_by<'a>(
     for (solution, differences) in solutions.iter().zip(differences) {
         match differences.is_empty() {
             true => accepted.push(solution),
-            false => refused.push(RefusedSolid {
-                volume: solution.measures.volume,
-                faces: counts(&solution.solid),
-                differences: differences.iter().map(line_of).collect(),
-            }),
+            false => refused.push(refused_solid(solution, differences)),
         }
     }
     (accepted, refused)
+}
+
+fn refused_solid(solution: &Solution, differences: &[Disagreement]) -> RefusedSolid {
+    RefusedSolid {
+        volume: solution.measures.volume,
+        faces: counts(&solution.solid),
+        differences: differences.iter().map(line_of).collect(),
+    }
 }
 
 /// The accepted solids, best first, with the files that they were written to.
@@ -422,24 +362,19 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
         .collect()
 }
 
-/// Number of lines of sight along which the whole part is shown.
-fn complete_views(drawing: &Drawing) -> usize {
-    let is_whole = |view: &&View| !matches!(view.content, ViewContent::Section(_) | ViewContent::Candidates);
-    let mut sights: Vec<usize> = drawing.views.iter().filter(is_whole).map(|v| v.kind.axes()[2]).collect();
-    sights.sort_unstable();
-    sights.dedup();
-    sights.len()
-}
-
 /// The findings that follow from the solids and from the agreement of the views.
-fn judge(report: &SolidReport, views: usize) -> Vec<Finding> {
+fn judge(report: &SolidReport, views: usize, undecided: Option<String>) -> Vec<Finding> {
     let mut found = Vec::new();
     match report.solutions.len() {
+        _ if undecided.is_some() => {
+            found.extend(undecided.map(|text| Finding::new(FindingCode::SolidsUndecided, text)));
+        }
         0 => {
             let text = "no solid explains all lines: the unexplained lines are listed";
             found.push(Finding::new(FindingCode::NoSolid, text));
         }
         // A hole seen from two sides may be round or square, and a bar may be round or flat.
+        _ if !report.edits.is_empty() => {}
         1 if views < 3 => {
             let text = "one solid of the simplest faces has these views; two views leave open whether what \
                         runs along the missing direction is flat or round: add the third view";
@@ -495,15 +430,16 @@ fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
     reasons.into_iter().filter_map(summary).collect()
 }
 
-fn line_of(difference: &Disagreement) -> UnexplainedLine {
-    let more = match difference.places {
+fn line_of(found: &Disagreement) -> UnexplainedLine {
+    let more = match found.places.len() {
         0 | 1 => String::new(),
         n => format!(" and at {} more places", n - 1),
     };
+    let at = found.places.first().map_or(String::new(), |at| format!(" at {:.4} {:.4}", at[0], at[1]));
     UnexplainedLine {
-        view: difference.view.name(),
-        entity: difference.entity.clone(),
-        reason: format!("{} at {:.4} {:.4}{more}", difference.reason, difference.at[0], difference.at[1]),
+        view: found.view.name(),
+        entity: found.entity.clone(),
+        reason: format!("{}{at}{more}", found.difference.reason()),
     }
 }
 

@@ -307,6 +307,11 @@ impl View {
         })
     }
 
+    /// Whether solids are compared with it.
+    pub(crate) fn is_compared(&self) -> bool {
+        !matches!(self.content, ViewContent::Candidates | ViewContent::Doubtful)
+    }
+
     /// The section that it shows, if it is one.
     #[must_use]
     pub fn section(&self) -> Option<&Section> {
@@ -341,16 +346,17 @@ impl Drawing {
         bounds
     }
 
-    /// The drawing without sections along a line of sight that another view shows as well; none if there are
-    /// no such sections.
+    /// The drawing without sections; none if it has none, or if fewer than two views are left.
     #[must_use]
-    pub fn without_further_sections(&self) -> Option<Self> {
-        let sight = |view: &View| view.kind.axes()[2];
-        let is_shown =
-            |view: &View| self.views.iter().any(|v| v.section().is_none() && sight(v) == sight(view));
-        let is_kept = |view: &&View| view.section().is_none() || !is_shown(view);
-        let views: Vec<View> = self.views.iter().filter(is_kept).cloned().collect();
-        (views.len() < self.views.len()).then_some(Self { views })
+    pub fn without_sections(&self) -> Option<Self> {
+        let views: Vec<View> = self.views.iter().filter(|v| v.section().is_none()).cloned().collect();
+        (views.len() < self.views.len() && whole_views(&views) > 1).then_some(Self { views })
+    }
+
+    /// Number of lines of sight along which the whole part is shown.
+    #[must_use]
+    pub fn whole_views(&self) -> usize {
+        whole_views(&self.views)
     }
 
     /// The drawing with all lengths times a factor.
@@ -409,4 +415,13 @@ impl Drawing {
             })
             .fold(0.0, f64::max)
     }
+}
+
+/// Number of lines of sight along which views show the whole part.
+fn whole_views(views: &[View]) -> usize {
+    let is_whole = |view: &&View| !matches!(view.content, ViewContent::Section(_) | ViewContent::Candidates);
+    let mut sights: Vec<usize> = views.iter().filter(is_whole).map(|v| v.kind.axes()[2]).collect();
+    sights.sort_unstable();
+    sights.dedup();
+    sights.len()
 }

@@ -66,6 +66,7 @@
 //! | [`sheet`] | finds the views of a sheet among frame, title block, dimensions and notes |
 //! | [`brep`] | B-rep on planes, cylinders, cones, spheres and tori: checks, volume, area, centroid |
 //! | [`reprojection`] | projects a solid into its views and compares them with a drawing |
+//! | [`repair`] | the solid of a drawing after the least edit of its lines |
 //! | [`tessellation`] | watertight triangle mesh of a solid |
 //! | [`parametric`] | trimmed parametric faces of CAD files and their triangulation |
 //!
@@ -77,6 +78,7 @@ pub mod brep;
 pub mod drawing;
 pub mod noisy_views;
 pub mod parametric;
+pub mod repair;
 pub mod reprojection;
 pub mod sheet;
 pub mod tessellation;

@@ -30,9 +30,11 @@ mod outlines;
 mod scene;
 #[cfg(test)]
 mod tests;
+mod unseen;
 
 use crate::brep::Solid;
-use crate::drawing::{Drawing, ViewKind};
+use crate::drawing::{Drawing, LineStyle, ViewKind};
+use planish_core::DVec3;
 
 /// Tolerances of the comparison; lengths are relative to the size of the drawing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,6 +55,45 @@ impl Default for ReprojectionOptions {
     }
 }
 
+/// How a view of a solid differs from the drawing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Difference {
+    /// A line is drawn where the solid has none.
+    NotShown(LineStyle),
+    /// A line is drawn visible, but is hidden in the solid.
+    IsHidden,
+    /// A line is drawn hidden, but is visible in the solid.
+    IsVisible,
+    /// The solid has a line, but none is drawn.
+    NotDrawn(LineStyle),
+    /// A section is hatched where the solid has no material, or not hatched where it has.
+    Hatching {
+        /// Whether the section is hatched there.
+        is_hatched: bool,
+    },
+}
+
+impl Difference {
+    /// Description of the difference.
+    #[must_use]
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::NotShown(LineStyle::Visible) => "a visible line is drawn, but the solid has no line there",
+            Self::NotShown(LineStyle::Hidden) => "a hidden line is drawn, but the solid has no line there",
+            Self::IsHidden => "a line is drawn visible, but it is hidden in the solid",
+            Self::IsVisible => "the solid shows a visible line, but it is drawn hidden",
+            Self::NotDrawn(LineStyle::Visible) => "the solid shows a visible line, but none is drawn",
+            Self::NotDrawn(LineStyle::Hidden) => "the solid has a hidden line, but none is drawn",
+            Self::Hatching { is_hatched: true } => {
+                "the section is hatched, but the solid has no material there"
+            }
+            Self::Hatching { is_hatched: false } => {
+                "the section is not hatched, but the solid has material there"
+            }
+        }
+    }
+}
+
 /// A line in which a solid's view differs from the drawing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Disagreement {
@@ -60,12 +101,10 @@ pub struct Disagreement {
     pub view: ViewKind,
     /// Entity that the solid does not show; `None` if the solid shows a line that is not drawn.
     pub entity: Option<String>,
-    /// First differing point, in view coordinates.
-    pub at: [f64; 2],
-    /// Description of the difference.
-    pub reason: &'static str,
-    /// Number of sample points of this line that differ.
-    pub places: usize,
+    /// Differing points along the line, in view coordinates.
+    pub places: Vec<[f64; 2]>,
+    /// The difference.
+    pub difference: Difference,
 }
 
 /// Lists the lines in which the views of a solid differ from a drawing.
@@ -84,4 +123,23 @@ pub struct Disagreement {
 #[must_use]
 pub fn disagreements(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Vec<Disagreement> {
     compare::disagreements(solid, drawing, options)
+}
+
+/// The middle of an edge whose place follows from no view of a drawing without hidden lines; none if there is
+/// no such edge.
+///
+/// No view shows it in front of all other lines, as the rim at which a hole leaves a part: the hole might end
+/// before. Edges in the outer border of a face at an end of the part do not count.
+///
+/// ```
+/// use planish_solid::brep::Solid;
+/// use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
+/// use planish_solid::views::Drawing;
+///
+/// let options = ReprojectionOptions::default();
+/// assert_eq!(first_unseen_edge(&Solid::default(), &Drawing::default(), &options), None);
+/// ```
+#[must_use]
+pub fn first_unseen_edge(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Option<DVec3> {
+    unseen::first_unseen(solid, drawing, options)
 }

@@ -39,6 +39,7 @@ use crate::drawing::{Drawing, DrawnCurve, Section, View, ViewContent, ViewKind};
 use planish_estimate::{Error, Result};
 
 pub use annotations::{Annotations, SheetDimension, SheetText};
+pub(crate) use axes::circles_across;
 use choice::Choice;
 use contacts::Contacts;
 use groups::{CurveGroup, grouped};
@@ -141,6 +142,11 @@ pub struct SheetReading {
     pub scale_source: ScaleSource,
     /// Where the views are.
     pub views: Vec<SheetView>,
+    /// Whether outlines have equal widths in the only two views, so that they may be round or flat, and the
+    /// sheet has neither centre lines nor diameters that show which.
+    pub open_widths: bool,
+    /// Whether a centre line crosses a view, which shows that something is round or symmetric.
+    pub has_centre_lines: bool,
     /// Entities that belong to no view, and why.
     pub set_aside: Vec<(String, SetAsideReason)>,
 }
@@ -322,7 +328,9 @@ impl<'a> SheetReader<'a> {
                 section_at: view.section().map(|section| scale * section.at),
             })
             .collect();
-        views.extend(self.candidates(choice, &views, &origins));
+        let round = self.candidates(choice, &views, &origins);
+        let open_widths = round.as_ref().is_some_and(|round| round.are_open);
+        views.extend(round.and_then(|round| round.view));
         let drawing = Drawing { views };
         let drawing = if scale == 1.0 { drawing } else { drawing.scaled(scale) };
         let mut is_used = vec![false; self.curves.len()];
@@ -338,7 +346,23 @@ impl<'a> SheetReader<'a> {
             unused.map(|k| (self.curves[k].entity.clone(), reason(k))).collect();
         // A polyline has several curves.
         set_aside.dedup();
-        SheetReading { projection: choice.projection, scale, scale_source, views: places, drawing, set_aside }
+        SheetReading {
+            projection: choice.projection,
+            scale,
+            scale_source,
+            views: places,
+            drawing,
+            open_widths,
+            has_centre_lines: choice.views.iter().any(|(_, group)| self.has_centre_line(&group.bounds)),
+            set_aside,
+        }
+    }
+
+    /// Whether a centre line crosses a box.
+    fn has_centre_line(&self, bounds: &SheetBox) -> bool {
+        let middle = |line: &[[f64; 2]; 2]| [0, 1].map(|c| (line[0][c] + line[1][c]) / 2.0);
+        let is_in = |p: [f64; 2]| groups::is_within(&[[p[0]; 2], [p[1]; 2]], bounds, self.near);
+        self.annotations.centre_lines.iter().any(|line| is_in(middle(line)))
     }
 
     /// Whether a curve touches the box of a hatch.

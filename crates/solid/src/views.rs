@@ -36,6 +36,7 @@ mod candidates;
 mod cells;
 mod circles;
 mod column;
+mod contradictions;
 mod drawing_grid;
 mod edge_splines;
 mod hatched;
@@ -70,6 +71,7 @@ mod wall_sight;
 mod wireframe;
 
 use crate::brep::{Measures, Solid};
+use crate::drawing::ViewContent;
 pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
@@ -77,7 +79,8 @@ use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::{coordinate_mismatches, joined};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
-use search::{Bodies, CellState, Conventions, Regularity, SmoothEdges};
+pub(crate) use search::Bodies;
+use search::{CellState, Conventions, Regularity, SmoothEdges};
 use sight::Expected;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -157,6 +160,11 @@ impl Solution {
         near(a.volume, b.volume, a.volume)
             && near(a.area, b.area, a.area)
             && (0..3).all(|k| near(a.centroid[k], b.centroid[k], a.area.sqrt()))
+    }
+
+    /// True if both are the same solid, within rounding.
+    pub(crate) fn is_same_solid(&self, other: &Self) -> bool {
+        self.measures_the_same(other) && self.has_vertices_of(other)
     }
 
     /// True if the other solid has the same vertices and the same number of faces of each kind.
@@ -248,15 +256,26 @@ impl Solutions {
 /// `Input` if there are fewer than two views or a view is empty; `Unsupported` if the drawing has too many
 /// cells; `Undetermined` if all lines can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
+    in_usual_size(drawing, solve_scaled)
+}
+
+/// Finds solids of a drawing with a doubtful view, without tangent edges.
+pub(crate) fn solve_doubtful(drawing: &Drawing, bodies: Bodies) -> Result<Solutions> {
+    let conventions = Conventions { bodies, ..Conventions::USUAL };
+    in_usual_size(drawing, |drawing, scale| solve_with(drawing, conventions, scale))
+}
+
+/// Scales a drawing to a typical size, solves it, and scales the solids back.
+fn in_usual_size(drawing: &Drawing, solve: impl Fn(&Drawing, f64) -> Result<Solutions>) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
     // A drawing without a size cannot be scaled; the search reports what is wrong with it.
     if !(size > 0.0 && size.is_finite()) || (TYPICAL_SIZE[0]..TYPICAL_SIZE[1]).contains(&size) {
-        return solve_scaled(drawing, 1.0);
+        return solve(drawing, 1.0);
     }
     // By a power of ten, so that round coordinates stay round: `representative` prefers round values.
     let scale = 10_f64.powi(size.log10().floor() as i32 - 2);
-    let mut found = solve_scaled(&drawing.scaled(1.0 / scale), scale).map_err(|e| {
+    let mut found = solve(&drawing.scaled(1.0 / scale), scale).map_err(|e| {
         let in_what = format!("in units of {scale:e}");
         e.in_context(in_what)
     })?;
@@ -272,7 +291,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     // Drafting does not draw tangent edges, so drawings are first read without them. With them, each tangent
     // line would be one more explanation of a line that is really a sharp edge.
-    let conventions = Conventions { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+    let conventions = Conventions::USUAL;
     let plain = solve_with(drawing, conventions, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
     if is_too_large || best_agreeing(&plain, drawing).is_some() {
@@ -323,8 +342,9 @@ fn solve_with(drawing: &Drawing, conventions: Conventions, scale: f64) -> Result
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
         // Strict candidates come first because the centre of every fillet also makes a false torus.
-        let is_first =
-            conventions.smooth_edges == SmoothEdges::NotDrawn && conventions.bodies == Bodies::Apart;
+        // Nor for doubtful views: each of them is searched once.
+        let is_doubtful = drawing.views.iter().any(|view| view.content == ViewContent::Doubtful);
+        let is_first = conventions == Conventions::USUAL && !is_doubtful;
         let are_tried = cheapest.is_none() && is_first;
         if is_too_large || !strict && !are_tried {
             break;
@@ -419,6 +439,13 @@ fn solve_grid(
     if !solutions.unexplained.is_empty() {
         // Not an error: the caller reports the lines.
         return Ok(solutions);
+    }
+    let is_empty = solutions.solutions.is_empty();
+    if is_empty && solutions.rejected.is_empty() && !found.complete {
+        return Err(Error::unsupported(
+            "the search ended at its limit before it found a solid: fewer lines, or more views and hidden \
+             lines, make it smaller",
+        ));
     }
     solutions.keep_manifold();
     if solutions.solutions.is_empty() {

@@ -2,7 +2,7 @@
 
 use crate::lines::{Align, Lines};
 use crate::numbers::{count, counted, significant};
-use planish::solid::{DimensionKind, FaceCounts, NoisyGeometry, SolidReport, UnexplainedLine};
+use planish::solid::{DimensionKind, FaceCounts, NoisyGeometry, ReportedEdit, SolidReport, UnexplainedLine};
 
 /// Number of unexplained lines that are listed; the JSON object has all.
 const LINES_SHOWN: usize = 20;
@@ -13,10 +13,13 @@ pub fn text(report: &SolidReport) -> String {
     let n = report.solutions.len();
     // Without a solid there is no table of solids; the unexplained lines are the result.
     if n == 0 {
+        edits(&mut lines, report, "No solid has these views, but one has them after these edits (--repair):");
         unexplained(&mut lines, report);
         return lines.into_text();
     }
+    edits(&mut lines, report, "No solid has these views. One has them after these edits:");
     lines.line(match n {
+        1 if !report.edits.is_empty() => "The solid of the edited drawing:".to_owned(),
         1 => "One solid has these views.".to_owned(),
         _ => format!("{} solids have these views, best first.", count(n)),
     });
@@ -67,6 +70,22 @@ pub fn text(report: &SolidReport) -> String {
         geometry_text(&mut lines, geometry);
     }
     lines.into_text()
+}
+
+/// The edits after which a drawing shows a solid; nothing if there are none.
+fn edits(lines: &mut Lines, report: &SolidReport, title: &str) {
+    if report.edits.is_empty() {
+        return;
+    }
+    lines.line(title);
+    lines.gap();
+    let cells = |edit: &ReportedEdit| {
+        let entity = edit.line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
+        vec![edit.line.view.to_owned(), entity, edit.line.reason.clone()]
+    };
+    let columns = [("view", Align::Left), ("entity", Align::Left), ("edit", Align::Left)];
+    lines.table(&columns, &report.edits.iter().map(cells).collect::<Vec<_>>());
+    lines.gap();
 }
 
 /// The lines that no solid, or not the nearest one, explains.

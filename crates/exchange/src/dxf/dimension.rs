@@ -18,7 +18,7 @@ use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_solid::sheet::{SheetDimension, scale_of_dimensions};
 use planish_solid::views::Curve2;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Tolerance of the distance of a dimension's points from lines, as a share of the size of the drawing. Too
 /// small a value reports rounded coordinates, too large a value overlooks small changes of the drawing.
@@ -30,6 +30,15 @@ pub(super) struct DimensionLengths {
     /// Of the header, for dimensions without a style of the table.
     factor: Option<f64>,
     by_style: HashMap<String, f64>,
+    /// Styles that write Ø before each length.
+    of_diameters: HashSet<String>,
+}
+
+/// Signs of a diameter in texts: the code of DXF, and characters in use.
+const DIAMETER_SIGNS: [&str; 7] = ["%%c", "%%C", "Ø", "ø", "⌀", "∅", "\\U+2205"];
+
+fn has_diameter_sign(text: &str) -> bool {
+    DIAMETER_SIGNS.iter().any(|sign| text.contains(sign))
 }
 
 impl DimensionLengths {
@@ -46,7 +55,26 @@ impl DimensionLengths {
         if let (Some(name), Some(factor)) = (style.text(2), style.number(144)?.filter(|f| *f > 0.0)) {
             self.by_style.insert(name.to_uppercase(), factor);
         }
+        // DIMPOST: what precedes and follows the length.
+        if let Some(name) = style.text(2).filter(|_| style.text(3).is_some_and(has_diameter_sign)) {
+            self.of_diameters.insert(name.to_uppercase());
+        }
         Ok(())
+    }
+
+    /// Ends of the lengths that dimensions state as diameters.
+    pub(super) fn diameters(&self, dimensions: &[&Record]) -> Result<Vec<[[f64; 2]; 2]>> {
+        let mut found = Vec::new();
+        for record in dimensions {
+            let text = record.text(1).unwrap_or_default();
+            // A text of its own replaces what the style writes.
+            let by_style = (text.is_empty() || text.contains("<>"))
+                && self.of_diameters.contains(&record.text(3).unwrap_or("STANDARD").to_uppercase());
+            if has_diameter_sign(text) || by_style {
+                found.extend(Measured::from_record(record)?.map(|measured| measured.ends()));
+            }
+        }
+        Ok(found)
     }
 
     /// The lengths that dimensions measure and state.
@@ -166,6 +194,14 @@ impl Measured {
             Some(along) => (d[0] * along[0] + d[1] * along[1]).abs(),
             None => d[0].hypot(d[1]),
         }
+    }
+
+    /// The ends of the measured length: the second is moved into the direction of the measurement.
+    fn ends(&self) -> [[f64; 2]; 2] {
+        let [a, b] = self.points;
+        let Some(along) = self.along else { return [a, b] };
+        let length = (b[0] - a[0]) * along[0] + (b[1] - a[1]) * along[1];
+        [a, [0, 1].map(|k| a[k] + length * along[k])]
     }
 
     /// Points that must lie on lines.

@@ -163,3 +163,18 @@ fn conflicting_dimensions_are_named() {
         "{loose}"
     );
 }
+
+#[test]
+fn dimensions_with_the_sign_of_a_diameter_state_their_ends() {
+    let dimension = |text: &str| {
+        format!(
+            "0 LINE 10 0 20 0 11 20 21 0 0 DIMENSION 70 0 1 {text} 3 ISO 50 0 10 0 20 9 13 0 23 0 14 20 24 3"
+        )
+    };
+    for (text, count) in [("%%c20", 1), ("Ø<>", 1), ("20", 0), ("<>", 0)] {
+        let found = drawn("", &dimension(text)).unwrap().annotations.diameters;
+        assert_eq!(found.len(), count, "{text}");
+        // Measured along x: the second point is moved to the level of the first.
+        assert!(found.iter().all(|ends| *ends == [[0.0, 0.0], [20.0, 0.0]]), "{found:?}");
+    }
+}

@@ -90,8 +90,7 @@ pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
 
 /// Views of one file each.
 fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
-    let mut made =
-        ReadDrawing { drawing: Drawing::default(), sheet: None, findings: Vec::new(), rounding: 0.0 };
+    let mut made = ReadDrawing::default();
     for ((path, kind), mut file) in job.views.iter().zip(kinds(job)).zip(files) {
         let name = path.display();
         // A second copy would have to be explained by a second edge.

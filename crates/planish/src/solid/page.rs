@@ -2,7 +2,7 @@
 
 use crate::report::title_of;
 use crate::report::words::head;
-use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
+use crate::solid::{DimensionKind, FaceCounts, ReportedEdit, SolidReport, UnexplainedLine};
 use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
@@ -10,7 +10,8 @@ use planish_report::numbers::{counted, significant};
 use planish_report::{Block, Figure, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot};
 use planish_solid::brep::Solid;
 use planish_solid::tessellation::tessellate;
-use planish_solid::views::{Drawing, LineStyle};
+use planish_solid::views::{Drawing, LineStyle, View};
+use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 /// Maximum number of solids that are shown side by side.
@@ -21,6 +22,8 @@ const SPACING_RATIO: f64 = 1.35;
 const LABEL_HEIGHT_RATIO: f64 = 0.06;
 /// Maximum number of unexplained lines that are listed.
 const MAX_LINES: usize = 20;
+/// Radius of the rings around edits, relative to the size of the drawing.
+const RING_RATIO: f64 = 0.02;
 /// Minimum angle between faces, in degrees, for an edge to be drawn. Facets of round faces meet at smaller
 /// angles, edges of usual parts at larger ones.
 const SMOOTH_DEG: f64 = 20.0;
@@ -83,9 +86,14 @@ pub(crate) fn solid_page(
             svg: plot::lines(
                 &(view.curves.iter())
                     .map(|curve| (curve.curve.points(), curve.style == LineStyle::Hidden))
+                    .chain(edit_marks(report, view, drawing.size()))
                     .collect::<Vec<_>>(),
             ),
-            caption: format!("The {} view as read from the file; dashed lines are hidden.", view.kind.name()),
+            caption: format!(
+                "The {} view as read from the file; dashed lines are hidden.{}",
+                view.kind.name(),
+                if edits_in(report, view).count() > 0 { " Rings are edits." } else { "" }
+            ),
         })
         .collect();
     let headline = match report.solutions.len() {
@@ -110,6 +118,27 @@ pub(crate) fn solid_page(
         scene: (!scene.surfaces.is_empty()).then_some(scene),
         drawings: Vec::new(),
         sections: sections(report, drawings, unit),
+    })
+}
+
+fn edits_in<'a>(report: &'a SolidReport, view: &'a View) -> impl Iterator<Item = &'a ReportedEdit> {
+    report.edits.iter().filter(|edit| edit.line.view == view.kind.name())
+}
+
+/// A ring around the first place of each edit of a view, and the lines that are added or moved.
+fn edit_marks<'a>(
+    report: &'a SolidReport,
+    view: &'a View,
+    size: f64,
+) -> impl Iterator<Item = (Vec<[f64; 2]>, bool)> + 'a {
+    edits_in(report, view).flat_map(move |edit| {
+        let ring = edit.places.first().map(|at| {
+            let angles = (0..=24).map(|k| f64::from(k) * TAU / 24.0);
+            angles.map(|a| [0, 1].map(|c| at[c] + RING_RATIO * size * [a.cos(), a.sin()][c])).collect()
+        });
+        let new = if edit.edit == "add" { &edit.places } else { &edit.moved_to };
+        let line = (new.len() > 1).then(|| new.clone());
+        ring.into_iter().chain(line).map(|points| (points, false)).collect::<Vec<_>>()
     })
 }
 
@@ -152,6 +181,15 @@ fn faces(counts: &FaceCounts) -> String {
     some.join(", ")
 }
 
+fn edits_table(edits: &[ReportedEdit]) -> Table {
+    let mut table = Table::new(["view", "entity", "edit"]);
+    for edit in edits {
+        let entity = edit.line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
+        table.row([edit.line.view.to_owned(), entity, edit.line.reason.clone()], false);
+    }
+    table
+}
+
 fn lines_table(lines: &[UnexplainedLine]) -> Table {
     let mut table = Table::new(["view", "entity", "reason"]);
     for line in lines.iter().take(MAX_LINES) {
@@ -164,6 +202,9 @@ fn lines_table(lines: &[UnexplainedLine]) -> Table {
 fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Section> {
     // Sections without content are omitted: exact drawings have no sizes with σ.
     let mut sections = Vec::new();
+    if !report.edits.is_empty() {
+        sections.push(Section::new("Edits of the drawing", vec![Block::Table(edits_table(&report.edits))]));
+    }
     if !report.solutions.is_empty() {
         let volume = head("volume", &format!("{unit}³"));
         let area = head("area", &format!("{unit}²"));

@@ -6,11 +6,12 @@
 //!
 //! Each is a finding.
 
+use super::search::{SearchedReading, search_readings};
 use super::sheet::ReadDrawing;
-use super::{SearchedReading, search_readings};
 use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_report::numbers::significant;
 use planish_solid::drawing::{Drawing, View, ViewContent};
+use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
 use planish_solid::views::{coordinate_mismatches, joined};
 
 /// Factor by which coordinates may differ more than those of the mismatch that is assumed.
@@ -38,19 +39,22 @@ pub(super) fn search_relaxed(
         false => readings.first().map_or(Vec::new(), |first| coordinate_mismatches(&first.drawing)),
     };
     for mismatch in mismatches {
-        let joined = readings.iter().filter_map(|reading| with_tolerance(reading, MARGIN * mismatch));
+        let joined = readings.iter().filter_map(|reading| with_tolerance(reading, mismatch));
         if let Some(found) = solved(joined.collect()) {
             return Some(found);
         }
     }
     // Of several solids, only hidden lines would tell which one is drawn: of 21 such sheets, 8 had the right
     // solid first and 11 a wrong one.
-    solved(readings.iter().filter_map(without_hidden).collect())
-        .filter(|searched| searched.found.complete && searched.found.solutions.len() == 1)
+    let mut searched = solved(readings.iter().filter_map(without_hidden).collect())
+        .filter(|searched| searched.found.complete && searched.found.solutions.len() == 1)?;
+    searched.undecided = open_end(&searched);
+    Some(searched)
 }
 
-/// The reading with coordinates joined that are at most a tolerance apart.
-fn with_tolerance(reading: &ReadDrawing, tolerance: f64) -> Option<ReadDrawing> {
+/// The reading with coordinates joined that differ by at most a mismatch.
+pub(super) fn with_tolerance(reading: &ReadDrawing, mismatch: f64) -> Option<ReadDrawing> {
+    let tolerance = MARGIN * mismatch;
     let mut drawing = reading.drawing.clone();
     let mut dropped = 0;
     for view in &mut drawing.views {
@@ -70,6 +74,23 @@ fn with_tolerance(reading: &ReadDrawing, tolerance: f64) -> Option<ReadDrawing> 
     let mut findings = reading.findings.clone();
     findings.push(Finding::new(FindingCode::ToleranceEstimated, text).with_setting(Setting::Tolerance));
     Some(ReadDrawing { drawing, findings, ..reading.clone() })
+}
+
+/// What the visible lines leave open of a solid; none if they determine it.
+fn open_end(searched: &SearchedReading) -> Option<String> {
+    let (solid, reading) = (&searched.found.solutions[0].solid, &searched.reading);
+    let [planes, ..] = solid.faces_by_kind();
+    if reading.has_centre_lines && planes == solid.faces.len() {
+        let text = "the views draw no hidden lines, and centre lines show something round that no visible \
+                    line shows: add hidden lines or a section";
+        return Some(text.to_owned());
+    }
+    let at = first_unseen_edge(solid, &reading.drawing, &ReprojectionOptions::default())?;
+    let [x, y, z] = at.to_array();
+    Some(format!(
+        "the views draw no hidden lines, and none of them shows where the solid ends at {x:.4} {y:.4} \
+         {z:.4}, such as the depth of a hole: add hidden lines or a section"
+    ))
 }
 
 /// Whether a view may omit hidden lines.

@@ -6,6 +6,8 @@ use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::dxf::DxfDrawing;
+use planish_report::numbers::counted;
+use planish_solid::drawing::ViewContent;
 use planish_solid::sheet::{
     ScaleSource, SetAsideReason, SheetOptions, SheetReading, read_sheet, scale_of_dimensions,
 };
@@ -15,7 +17,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A drawing as it is searched for solids.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct ReadDrawing {
     pub drawing: Drawing,
     /// The sheet that it comes from; none if each view has its own file.
@@ -24,6 +26,10 @@ pub(super) struct ReadDrawing {
     pub findings: Vec<Finding>,
     /// Maximum error of coordinates by the rounding of the format; zero if they are exact.
     pub rounding: f64,
+    /// Whether the only two views show equal widths that may be round or flat.
+    pub open_widths: bool,
+    /// Whether a centre line crosses a view.
+    pub has_centre_lines: bool,
 }
 
 /// How a sheet was read.
@@ -123,7 +129,15 @@ fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawi
             .collect(),
     };
     let rounding = rounding * reading.scale;
-    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings, rounding }
+    let SheetReading { open_widths, has_centre_lines, .. } = reading;
+    ReadDrawing {
+        drawing: reading.drawing,
+        sheet: Some(sheet),
+        findings,
+        rounding,
+        open_widths,
+        has_centre_lines,
+    }
 }
 
 /// What a user should know about the reading of a sheet.
@@ -143,6 +157,13 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
             let text = format!("the {} view is a section at {axis} = {:.4}", view.kind.name(), section.at);
             findings.push(Finding::new(FindingCode::SectionUsed, text));
         }
+    }
+    if let Some(view) = reading.drawing.views.iter().find(|view| view.content == ViewContent::Candidates) {
+        let text = format!(
+            "{} that no view shows follow from diameters, centre lines or hidden lines",
+            counted(view.curves.len(), "circle")
+        );
+        findings.push(Finding::new(FindingCode::DiametersUsed, text));
     }
     match reading.scale_source {
         ScaleSource::Unknown => {

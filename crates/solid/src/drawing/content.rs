@@ -15,6 +15,9 @@ pub enum ViewContent {
     VisibleEdges,
     /// Visible edges of the part behind a plane across the line of sight.
     Section(Section),
+    /// All edges, but some lines may be missing, wrong, or in the wrong style. Nothing follows from a missing
+    /// line.
+    Doubtful,
     /// Nothing: the curves are candidates for what is round about an axis along which no view looks.
     Candidates,
 }

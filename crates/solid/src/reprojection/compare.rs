@@ -5,30 +5,44 @@ use super::cut;
 use super::nearby::{Nearby, Piece};
 use super::outlines::{Edges, Outline, outlines};
 use super::scene::{Eye, Scene};
-use super::{Disagreement, ReprojectionOptions};
+use super::{Difference, Disagreement, ReprojectionOptions};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
-use crate::drawing::{Curve2, Drawing, LineStyle, View, ViewContent};
+use crate::drawing::{Curve2, Drawing, LineStyle, View};
 use planish_core::{BoundingBox, DVec3};
 use std::collections::BTreeMap;
+
+/// What is the same for all views of a solid.
+pub(super) struct Prepared<'a> {
+    pub(super) edges: Edges,
+    pub(super) scene: Scene<'a>,
+}
+
+impl<'a> Prepared<'a> {
+    pub(super) fn new(solid: &'a Solid, drawing: &Drawing) -> Self {
+        let size = drawing.size();
+        let reach = reach(solid, size);
+        let mut body_of = vec![0; solid.faces.len()];
+        for (index, body) in solid.bodies().iter().enumerate() {
+            body.outer.iter().chain(body.voids.iter().flatten()).for_each(|face| body_of[*face] = index);
+        }
+        let faces = solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect();
+        Self { edges: Edges::new(solid, size), scene: Scene { faces, body_of, size, reach } }
+    }
+}
 
 pub(super) fn disagreements(
     solid: &Solid,
     drawing: &Drawing,
     options: &ReprojectionOptions,
 ) -> Vec<Disagreement> {
-    let size = drawing.size();
-    // Edges and trimmed faces are the same for all views and are prepared once.
-    let edges = Edges::new(solid, size);
-    let reach = reach(solid, size);
-    let scene =
-        Scene { faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(), size, reach };
+    let Prepared { edges, scene } = Prepared::new(solid, drawing);
     let mut found = Vec::new();
-    for view in drawing.views.iter().filter(|view| view.content != ViewContent::Candidates) {
+    for view in drawing.views.iter().filter(|view| view.is_compared()) {
         let eye = Eye::new(view);
-        let mut lines = outlines(solid, &scene.faces, &edges, eye, size);
+        let mut lines = outlines(solid, &scene.faces, &edges, eye, scene.size);
         if eye.is_section() {
-            lines = cut::behind(lines, eye, options.near * size);
+            lines = cut::behind(lines, eye, options.near * scene.size);
         }
         let compared = Compared::new(view, &lines, &scene, eye, options);
         found.extend(compared.drawn_but_not_shown());
@@ -112,18 +126,18 @@ impl Chain {
     }
 }
 
-/// Differences of a line by reason: first position, total length and number of samples.
+/// Differences of a line by kind: positions and total length.
 #[derive(Default)]
-struct Differences(Vec<(&'static str, [f64; 2], f64, usize)>);
+struct Differences(Vec<(Difference, Vec<[f64; 2]>, f64)>);
 
 impl Differences {
-    fn add(&mut self, reason: &'static str, at: [f64; 2], length: f64) {
-        match self.0.iter_mut().find(|d| d.0 == reason) {
+    fn add(&mut self, difference: Difference, at: [f64; 2], length: f64) {
+        match self.0.iter_mut().find(|d| d.0 == difference) {
             Some(known) => {
+                known.1.push(at);
                 known.2 += length;
-                known.3 += 1;
             }
-            None => self.0.push((reason, at, length, 1)),
+            None => self.0.push((difference, vec![at], length)),
         }
     }
 }
@@ -164,18 +178,13 @@ impl<'a> Compared<'a> {
                     return None;
                 }
                 match curve.style {
-                    LineStyle::Visible if near.is_empty() => {
-                        Some("a visible line is drawn, but the solid has no line there")
-                    }
-                    LineStyle::Hidden if near.is_empty() => {
-                        Some("a hidden line is drawn, but the solid has no line there")
-                    }
+                    style if near.is_empty() => Some(Difference::NotShown(style)),
                     // Several edges may have the same image, so a hidden line over a visible edge is no
                     // contradiction here. If no visible line is drawn there, the other direction finds it.
                     LineStyle::Hidden => None,
                     LineStyle::Visible => {
                         (!near.iter().any(|(piece, share, _)| self.is_seen(piece.line, piece.index, *share)))
-                            .then_some("a line is drawn visible, but it is hidden in the solid")
+                            .then_some(Difference::IsHidden)
                     }
                 }
             });
@@ -201,10 +210,10 @@ impl<'a> Compared<'a> {
                 }
                 let (piece, share) = chain.place(arc_length);
                 match (self.is_seen(index, piece, share), styles.is_empty()) {
-                    (true, false) => Some("the solid shows a visible line, but it is drawn hidden"),
-                    (true, true) => Some("the solid shows a visible line, but none is drawn"),
+                    (true, false) => Some(Difference::IsVisible),
+                    (true, true) => Some(Difference::NotDrawn(LineStyle::Visible)),
                     (false, true) if !self.view.shows_hidden_edges() => None,
-                    (false, true) => Some("the solid has a hidden line, but none is drawn"),
+                    (false, true) => Some(Difference::NotDrawn(LineStyle::Hidden)),
                     (false, false) => None,
                 }
             });
@@ -218,7 +227,7 @@ impl<'a> Compared<'a> {
         &self,
         chain: &Chain,
         differences: &mut Differences,
-        reason_at: impl Fn(f64) -> Option<&'static str>,
+        difference_at: impl Fn(f64) -> Option<Difference>,
     ) {
         let (size, length) = (self.scene.size, chain.length());
         // A line along the line of sight is a point in the view.
@@ -229,10 +238,10 @@ impl<'a> Compared<'a> {
         // compared at points nearer to each other.
         let offset = (0.5 * self.options.shortest * size).min(0.4 * length);
         for sample in chain.samples(self.options.spacing * size) {
-            let Some(reason) = reason_at(sample.arc_length) else { continue };
+            let Some(difference) = difference_at(sample.arc_length) else { continue };
             let sides = [sample.arc_length - offset, sample.arc_length + offset];
-            if sides.iter().all(|arc_length| reason_at(arc_length.clamp(0.0, length)).is_some()) {
-                differences.add(reason, chain.point(sample.arc_length), sample.length);
+            if sides.iter().all(|arc_length| difference_at(arc_length.clamp(0.0, length)).is_some()) {
+                differences.add(difference, chain.point(sample.arc_length), sample.length);
             }
         }
     }
@@ -245,26 +254,25 @@ impl<'a> Compared<'a> {
     ) -> impl Iterator<Item = Disagreement> + 'b {
         let shortest = self.options.shortest * self.scene.size;
         let long = differences.0.into_iter().filter(move |d| d.2 >= shortest);
-        long.map(move |(reason, at, _, places)| Disagreement {
+        long.map(move |(difference, places, _)| Disagreement {
             view: self.view.kind,
             entity: entity.cloned(),
-            at,
-            reason,
             places,
+            difference,
         })
     }
 
-    /// True if a drawn curve of a section is the border of the material that is cut.
+    /// True if a drawn curve of a section is the border of the material that is cut, or of two bodies.
     fn is_cut_border(&self, chain: &Chain, arc_length: f64) -> bool {
         let (piece, _) = chain.place(arc_length);
         let [a, b] = [chain.points[piece], chain.points[piece + 1]];
         let length = (b[0] - a[0]).hypot(b[1] - a[1]).max(f64::MIN_POSITIVE);
         let (p, near) = (chain.point(arc_length), self.options.near * self.scene.size);
-        let is_cut = |sign: f64| {
+        let cut_body = |sign: f64| {
             let off = sign * near / length;
-            self.scene.is_cut(self.eye, [p[0] - off * (b[1] - a[1]), p[1] + off * (b[0] - a[0])])
+            self.scene.cut_body(self.eye, [p[0] - off * (b[1] - a[1]), p[1] + off * (b[0] - a[0])])
         };
-        is_cut(1.0) != is_cut(-1.0)
+        cut_body(1.0) != cut_body(-1.0)
     }
 
     /// True if a line of the solid is visible at a point of it.
@@ -288,7 +296,7 @@ fn pieces(lines: impl Iterator<Item = Vec<[f64; 2]>>) -> Vec<Piece> {
     lines.enumerate().flat_map(of_line).collect()
 }
 
-fn projected(line: &Outline, eye: Eye) -> Vec<[f64; 2]> {
+pub(super) fn projected(line: &Outline, eye: Eye) -> Vec<[f64; 2]> {
     line.points.iter().map(|p| eye.seen(*p)).collect()
 }
 

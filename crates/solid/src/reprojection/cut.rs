@@ -1,9 +1,9 @@
 //! Sections: what of a solid lies behind the cutting plane, and whether its material in the plane is where
 //! the view is hatched.
 
-use super::Disagreement;
 use super::outlines::Outline;
 use super::scene::{Eye, Scene};
+use super::{Difference, Disagreement};
 use crate::drawing::View;
 
 /// Number of sample places along each side of a section. More find smaller differences and take more time.
@@ -42,24 +42,19 @@ pub(super) fn wrong_hatches(view: &View, scene: &Scene<'_>, eye: Eye) -> Vec<Dis
                 continue;
             }
             let Some(is_hatched) = section.hatch.contains(at, &view.curves) else { continue };
-            if is_hatched != scene.is_cut(eye, at) {
+            if is_hatched != scene.cut_body(eye, at).is_some() {
                 wrong[usize::from(is_hatched)].push(at);
             }
         }
     }
-    let reasons = [
-        "the section is not hatched, but the solid has material there",
-        "the section is hatched, but the solid has no material there",
-    ];
-    let enough = |places: &Vec<[f64; 2]>| places.len() >= MIN_PLACES;
-    let named = wrong.into_iter().zip(reasons).filter(|(places, _)| enough(places));
+    let enough = |(_, places): &(usize, Vec<[f64; 2]>)| places.len() >= MIN_PLACES;
+    let named = wrong.into_iter().enumerate().filter(enough);
     named
-        .map(|(places, reason)| Disagreement {
+        .map(|(hatched, places)| Disagreement {
             view: view.kind,
             entity: None,
-            at: places[0],
-            reason,
-            places: places.len(),
+            places,
+            difference: Difference::Hatching { is_hatched: hatched == 1 },
         })
         .collect()
 }

@@ -86,6 +86,14 @@ impl Edges {
             .collect();
         Self { uses, chains, is_double }
     }
+
+    /// Whether faces meet at an angle at an edge.
+    pub(super) fn is_sharp(&self, solid: &Solid, faces: &[TrimmedFace<'_>], index: usize) -> bool {
+        let [(f, _), (g, _)] = self.uses[index][..] else { return false };
+        let edge = &solid.edges[index];
+        let p = edge.curve.point((edge.range[0] + edge.range[1]) / 2.0);
+        faces[f].outward(p).dot(faces[g].outward(p)) < 1.0 - SMOOTH
+    }
 }
 
 /// The distance of a point to the segment between two points.

@@ -3,6 +3,7 @@
 use crate::brep::TrimmedFace;
 use crate::drawing::View;
 use planish_core::DVec3;
+use std::collections::BTreeMap;
 
 /// Distance of rays from the line that they pass, relative to the size.
 ///
@@ -57,7 +58,7 @@ impl Eye {
     }
 
     /// Coordinate towards the eye; larger is nearer.
-    fn nearness(self, p: DVec3) -> f64 {
+    pub(super) fn nearness(self, p: DVec3) -> f64 {
         self.sign * p[self.axes[2]]
     }
 }
@@ -65,6 +66,8 @@ impl Eye {
 /// The faces of a solid, prepared for rays.
 pub(super) struct Scene<'a> {
     pub(super) faces: Vec<TrimmedFace<'a>>,
+    /// The body of each face.
+    pub(super) body_of: Vec<usize>,
     pub(super) size: f64,
     /// Minimum and maximum corner of a box around the solid.
     pub(super) reach: [DVec3; 2],
@@ -82,11 +85,31 @@ impl Scene<'_> {
             .any(|side| !self.is_covered(eye, p, across, side * LATERAL_OFFSET * self.size))
     }
 
-    /// True if a place of a section is in the material that is cut.
-    pub(super) fn is_cut(&self, eye: Eye, at: [f64; 2]) -> bool {
-        // Just behind the plane, where the part is kept.
-        let from = eye.on_cut(at) - LATERAL_OFFSET * self.size * eye.towards();
-        self.is_covered(eye, from, [1.0, 0.0], 0.0)
+    /// The body whose material is cut at a place of a section; none where the cut is empty.
+    pub(super) fn cut_body(&self, eye: Eye, at: [f64; 2]) -> Option<usize> {
+        // Just behind the plane, where the part is kept. A ray leaves the body around its origin once more
+        // than it enters it.
+        let direction = eye.towards();
+        let from = eye.on_cut(at) - LATERAL_OFFSET * self.size * direction;
+        let range = self.range(eye, from);
+        let mut crossings: BTreeMap<usize, usize> = BTreeMap::new();
+        for (face, body) in self.faces.iter().zip(&self.body_of) {
+            let [low, high] = face.bounds;
+            if eye.axes[..2].iter().any(|&a| from[a] < low[a] || from[a] > high[a]) {
+                continue;
+            }
+            let hits = face.met(from, direction, range).into_iter();
+            let count = hits.filter(|t| *t > 0.0 && face.contains(from + *t * direction)).count();
+            *crossings.entry(*body).or_default() += count;
+        }
+        crossings.into_iter().find(|(_, count)| count % 2 == 1).map(|(body, _)| body)
+    }
+
+    /// Distances along the line of sight from a point at which it is within the box around the solid.
+    fn range(&self, eye: Eye, p: DVec3) -> [f64; 2] {
+        let along = eye.axes[2];
+        let range = self.reach.map(|corner| (corner[along] - p[along]) * eye.sign);
+        [range[0].min(range[1]), range[0].max(range[1])]
     }
 
     /// True if a ray from a point, moved by `offset` along `across`, meets a face before the eye, or material
@@ -96,11 +119,7 @@ impl Scene<'_> {
         from[eye.axes[0]] += offset * across[0];
         from[eye.axes[1]] += offset * across[1];
         let direction = eye.towards();
-        let [lo, hi] = self.reach;
-        let along = eye.axes[2];
-        // Distances along the ray within the box.
-        let range = [lo[along] - p[along], hi[along] - p[along]].map(|d| d * eye.sign);
-        let range = [range[0].min(range[1]), range[0].max(range[1])];
+        let range = self.range(eye, p);
         let cut = eye.cut - eye.nearness(p);
         // Material is in the cutting plane if the ray leaves it beyond.
         let mut beyond = 0_usize;

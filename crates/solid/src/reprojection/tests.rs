@@ -1,5 +1,6 @@
 use super::*;
 use crate::brep::{TrimmedFace, met_by_distance};
+use crate::drawing::ViewContent;
 use crate::views::{Curve2, DrawnCurve, LineStyle, View, solve};
 use planish_core::DVec3;
 use std::f64::consts::{PI, TAU};
@@ -78,7 +79,7 @@ fn drawn_line_without_an_edge_is_reported() {
     drawing.views[0].curves.push(stray);
     let [named] = &compared(&solid, &drawing)[..] else { panic!("expected one difference") };
     assert_eq!((named.view, named.entity.as_deref()), (ViewKind::Front, Some("LINE 7F (line 12)")));
-    assert_eq!(named.reason, "a hidden line is drawn, but the solid has no line there");
+    assert_eq!(named.difference.reason(), "a hidden line is drawn, but the solid has no line there");
 }
 
 #[test]
@@ -90,8 +91,8 @@ fn edge_without_a_drawn_line_is_reported() {
     assert!(!found.is_empty());
     for named in found {
         assert_eq!((named.view, named.entity), (ViewKind::Top, None));
-        assert_eq!(named.reason, "the solid shows a visible line, but none is drawn");
-        let off = (named.at[0] - 20.0).hypot(named.at[1] - 15.0) - 3.0;
+        assert_eq!(named.difference.reason(), "the solid shows a visible line, but none is drawn");
+        let off = (named.places[0][0] - 20.0).hypot(named.places[0][1] - 15.0) - 3.0;
         assert!(off.abs() < 1e-3, "{off}");
     }
 }
@@ -103,7 +104,8 @@ fn lines_drawn_in_the_wrong_style_are_reported() {
     curve(&mut drawing, 2, "the step").style = LineStyle::Visible;
     curve(&mut drawing, 1, "wide circle").style = LineStyle::Hidden;
     let found = compared(&solid, &drawing);
-    let is_reported = |view, reason: &str| found.iter().any(|d| d.view == view && d.reason == reason);
+    let is_reported =
+        |view, reason: &str| found.iter().any(|d| d.view == view && d.difference.reason() == reason);
     assert!(
         is_reported(ViewKind::Side, "a line is drawn visible, but it is hidden in the solid"),
         "{found:?}"
@@ -204,4 +206,26 @@ fn plane_with_holes_contains_the_points_between_its_loops() {
         assert!(!face.contains(at(6.0 - 1e-6)) && face.contains(at(6.0 + 1e-6)), "{k}");
         assert!(!face.contains(at(40.0)));
     }
+}
+
+#[test]
+fn without_hidden_lines_the_end_of_a_hole_is_open_and_that_of_a_step_is_not() {
+    let mut drawing = stepped_hole();
+    let solid = solved(&drawing);
+    for view in &mut drawing.views {
+        view.curves.retain(|c| c.style == LineStyle::Visible);
+        view.content = ViewContent::VisibleEdges;
+    }
+    assert!(first_unseen_edge(&solid, &drawing, &ReprojectionOptions::default()).is_some());
+    // A block with a step at its right end: all edges follow from the three views.
+    let outline = [[0.0, 0.0], [40.0, 0.0], [40.0, 8.0], [25.0, 8.0], [25.0, 20.0], [0.0, 20.0]];
+    let side = |k: usize| Curve2::Segment(outline[k], outline[(k + 1) % 6]);
+    let front = (0..6).map(|k| drawn(side(k), LineStyle::Visible, "outline")).collect();
+    let mut top = rectangle([0.0, 0.0], [40.0, 30.0]);
+    top.push(upright(25.0, [0.0, 30.0], LineStyle::Visible, "step"));
+    let mut right = rectangle([0.0, 0.0], [30.0, 20.0]);
+    right.push(level(8.0, [0.0, 30.0], LineStyle::Visible, "step"));
+    let views = [(ViewKind::Front, front), (ViewKind::Top, top), (ViewKind::Side, right)];
+    let step = Drawing { views: views.map(|(kind, curves)| View::new(kind, curves)).to_vec() };
+    assert_eq!(first_unseen_edge(&solved(&step), &step, &ReprojectionOptions::default()), None);
 }

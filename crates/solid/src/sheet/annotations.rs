@@ -16,6 +16,8 @@ pub struct Annotations {
     pub arrowheads: Vec<[[f64; 2]; 3]>,
     /// Dimensions of lengths.
     pub dimensions: Vec<SheetDimension>,
+    /// Ends of the lengths that dimensions state as diameters (Ø), seen from the side or along the axis.
+    pub diameters: Vec<[[f64; 2]; 2]>,
 }
 
 /// A text.

@@ -278,3 +278,43 @@ fn given_places_select_the_views() {
     let e = read_sheet(&curves, &Annotations::default(), &options).unwrap_err();
     assert!(e.to_string().contains("front view from (0, 0) to (1, 1)"), "{e}");
 }
+
+/// Front and side view of a plate of 30 × 30 × 8 with a hole of 10 through it, in the third-angle convention.
+fn plate_in_two_views() -> Vec<DrawnCurve> {
+    let mut curves = Vec::new();
+    for x in [100.0, 160.0] {
+        curves.extend(outline(&corners([0.0, 0.0], [30.0, 8.0]), &|p| [p[0] + x, p[1] + 100.0]));
+        curves.extend([10.0, 20.0].map(|u| segment([x + u, 100.0], [x + u, 108.0], LineStyle::Hidden)));
+    }
+    curves
+}
+
+fn read_third(curves: &[DrawnCurve], annotations: &Annotations) -> SheetReading {
+    let options = SheetOptions { projection: Some(Projection::ThirdAngle), ..SheetOptions::default() };
+    read_sheet(curves, annotations, &options).unwrap().remove(0)
+}
+
+#[test]
+fn equal_hidden_lines_in_two_views_are_a_hole_and_equal_outlines_stay_open() {
+    let open = read_third(&plate_in_two_views(), &Annotations::default());
+    assert!(open.open_widths);
+    assert!((volume(&open) - 8.0 * (900.0 - 25.0 * std::f64::consts::PI)).abs() < 1e-8, "{}", volume(&open));
+    // With a centre line of the hole, the sheet draws centre lines of what is round: the plate is flat.
+    let centre_lines = vec![[[115.0, 95.0], [115.0, 113.0]]];
+    let with_line = Annotations { centre_lines, ..Annotations::default() };
+    assert!(!read_third(&plate_in_two_views(), &with_line).open_widths);
+}
+
+#[test]
+fn a_diameter_states_that_an_outline_is_round() {
+    // Measured between extension lines below the front view.
+    let diameters = vec![[[100.0, 92.0], [130.0, 92.0]], [[100.0, 100.0], [130.0, 100.0]]];
+    for (diameter, is_round) in diameters.into_iter().zip([false, true]) {
+        let annotations = Annotations { diameters: vec![diameter], ..Annotations::default() };
+        let reading = read_third(&plate_in_two_views(), &annotations);
+        let round = 8.0 * std::f64::consts::PI * (225.0 - 25.0);
+        assert_eq!((volume(&reading) - round).abs() < 1e-8, is_round, "{}", volume(&reading));
+        // A diameter beside the view measures nothing of it.
+        assert_eq!(reading.open_widths, !is_round);
+    }
+}

@@ -172,7 +172,7 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         let distance = values[k].abs();
         let is_minimum =
             (k == 0 || distance <= values[k - 1].abs()) && (k == count || distance <= values[k + 1].abs());
-        if !is_minimum {
+        if !is_minimum || !can_vanish(curve, k, distance) {
             continue;
         }
         let (mut lo, mut hi) = (at(k.saturating_sub(1)), at((k + 1).min(count)));
@@ -189,6 +189,16 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         }
     }
     found
+}
+
+/// False if a distance at a sample of a traced curve exceeds the lengths to its neighbours: a signed distance
+/// changes at most by the way. Points between samples are expensive there.
+fn can_vanish(curve: &Curve3, k: usize, distance: f64) -> bool {
+    let Curve3::Traced(traced) = curve else { return true };
+    let n = traced.points.len();
+    let length = |a: usize, b: usize| (traced.points[a % n] - traced.points[b % n]).length();
+    // Twice the chords covers the curvature of a step.
+    distance <= 2.0 * length(k + 1, k).max(length(k + n - 1, k))
 }
 
 /// The circle of a wall through a point of its profile; `None` on the axis.

@@ -56,6 +56,8 @@ pub(crate) struct ViewGrid {
     pub(crate) others: Vec<usize>,
     /// True if it shows nothing: its curves are candidates.
     pub(crate) is_candidates: bool,
+    /// True if its lines may be wrong or missing.
+    pub(crate) is_doubtful: bool,
     /// False if a missing line may mean a hidden edge.
     pub(crate) shows_hidden: bool,
     /// The cutting plane (coordinate along the line of sight) and what is hatched, if it is a section.
@@ -511,6 +513,7 @@ impl ViewGrid {
             cells: vec![Vec::new(); sizes[0] * sizes[1]],
             others,
             is_candidates: view.content == ViewContent::Candidates,
+            is_doubtful: view.content == ViewContent::Doubtful,
             shows_hidden: view.shows_hidden_edges(),
             cut: view.section().map(|section| {
                 // A plane through an axis must pass exactly through it.

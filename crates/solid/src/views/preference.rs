@@ -25,9 +25,11 @@ use std::f64::consts::TAU;
 /// Positions of samples along a piece and along the line of sight, as shares.
 const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
 
-/// Distance from the corners of a square at which cells on both sides are compared, in radii of the circle in
-/// it. The circle passes at 0.29.
-const CORNER: f64 = 0.02;
+/// Distance from the sides of a square at which cells on both sides are compared, in radii of the circle in it.
+const CORNER: f64 = 1e-3;
+/// Places along a side of the square, in radii from its middle. At these, the circle is farther from the side
+/// than [`CORNER`].
+const BESIDE_CIRCLE: [f64; 6] = [0.1, 0.26, 0.43, 0.61, 0.82, 0.97];
 
 /// Cells that have equal states if a cylinder is not used.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,8 +53,8 @@ fn undrawn_faces(cells: &Cells) -> Vec<Preference> {
     planes.into_values().map(|pairs| Preference { pairs }).collect()
 }
 
-/// Preferences for round features where a circle is a candidate: beyond the circle, the corners of the square
-/// around it are as what surrounds them. One for each circle and interval along its axis.
+/// Preferences for round features where a circle is a candidate: beyond the circle, the square around it is as
+/// what surrounds it. One for each circle and interval along its axis.
 fn round_candidates(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     let mut found = Vec::new();
@@ -61,18 +63,26 @@ fn round_candidates(cells: &Cells) -> Vec<Preference> {
         for carrier in &shown.carriers {
             let Profile::Circle { center, radius } = carrier.profile else { continue };
             for ends in plan.grid[along].windows(2) {
-                let mut pairs = Vec::new();
-                for [x, y] in [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]] {
-                    let at = |share: f64| {
-                        let mut p = DVec3::ZERO;
-                        p[right] = center[0] + share * radius * x;
-                        p[up] = center[1] + share * radius * y;
-                        p[along] = (ends[0] + ends[1]) / 2.0;
-                        cells.at(p)
-                    };
-                    pairs.push([at(1.0 - CORNER), at(1.0 + CORNER)]);
-                }
+                let at = |x: f64, y: f64| {
+                    let mut p = DVec3::ZERO;
+                    p[right] = center[0] + radius * x;
+                    p[up] = center[1] + radius * y;
+                    p[along] = (ends[0] + ends[1]) / 2.0;
+                    cells.at(p)
+                };
+                // Along the four sides of the square around the circle, on both of their sides.
+                let mut pairs: Vec<[u32; 2]> = BESIDE_CIRCLE
+                    .into_iter()
+                    .flat_map(|u| [u, -u])
+                    .flat_map(|u| [1.0, -1.0].map(|side| (u, side)))
+                    .flat_map(|(u, side)| {
+                        let [inner, outer] = [side * (1.0 - CORNER), side * (1.0 + CORNER)];
+                        [[at(u, inner), at(u, outer)], [at(inner, u), at(outer, u)]]
+                    })
+                    .collect();
                 pairs.retain(|[a, b]| a != b);
+                pairs.sort_unstable();
+                pairs.dedup();
                 if !pairs.is_empty() {
                     found.push(Preference { pairs });
                 }
@@ -191,13 +201,15 @@ impl Preferences {
     }
 }
 
-/// A preference for each circle of a view; none if there are no surfaces of revolution.
+/// A preference for each circle of a view, and for each slanted line beside candidates of circles; none if
+/// there are no surfaces of revolution.
 fn surfaces(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     // Oblique walls are not combined with surfaces of revolution, so there is nothing to prefer.
     if plan.walls.is_empty() || plan.has_oblique_walls() {
         return Vec::new();
     }
+    let has_candidates = plan.views.iter().any(|view| view.is_candidates);
     let mut pairs: BTreeMap<(usize, usize), Vec<[u32; 2]>> = BTreeMap::new();
     let n = [0, 1, 2].map(|a| plan.intervals(a));
     for place in 0..n[0] * n[1] * n[2] {
@@ -211,7 +223,8 @@ fn surfaces(cells: &Cells) -> Vec<Preference> {
             for &index in pieces_in(plan, view, cell) {
                 let piece = &shown.pieces[index as usize];
                 let profile = shown.profile(index);
-                if !matches!(profile, Profile::Circle { .. }) {
+                // Where a circle is a candidate, a pyramid could be in the place of a cone.
+                if !has_candidates && !matches!(profile, Profile::Circle { .. }) {
                     continue;
                 }
                 for s in SHARES {

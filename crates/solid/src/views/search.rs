@@ -5,12 +5,22 @@
 //! the fewest positions first. The lines of these tests are reported as unexplained.
 
 use super::cells::Cells;
+use super::contradictions::{satisfiable, satisfiable_without_a_line};
 use super::preference::{Preference, Preferences};
 use super::sight::{EdgeSectors, Expected, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
 use planish_core::DisjointSets;
 use std::collections::{BTreeMap, HashMap, HashSet};
+
+/// Number of contradictions that are resolved by dropping a single test or preference of their core. Later
+/// ones drop all of it: fewer are kept, but drawings with many contradictions end sooner.
+pub(super) const MAX_SINGLE_QUERIES: usize = 60;
+/// Maximum number of propagated literals of a search. It bounds the run time without a clock, so that results
+/// are the same on each machine. Drawings that are solved need some 10⁴; 2·10⁷ take some seconds.
+const MAX_PROPAGATIONS: u64 = 20_000_000;
+/// Maximum number of assignments for each line that is left out.
+const MAX_WITHOUT_A_LINE: usize = 4;
 
 /// State of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +69,11 @@ pub(crate) struct Conventions {
     pub(crate) bodies: Bodies,
 }
 
+impl Conventions {
+    /// Those of drafting, which are tried first.
+    pub(crate) const USUAL: Self = Self { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+}
+
 /// Whether the features of an assignment are equal where their circles are, as far as the drawing allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Regularity {
@@ -67,8 +82,8 @@ pub(crate) enum Regularity {
 }
 
 /// Translates sight tests into clauses.
-struct Encoder {
-    solver: BasicSolver,
+pub(super) struct Encoder {
+    pub(super) solver: BasicSolver,
     /// The cell around the part, which is empty.
     outside: u32,
     cells: BTreeMap<u32, Var>,
@@ -155,6 +170,11 @@ impl Encoder {
         }
         self.differences.insert(key, differ);
         differ
+    }
+
+    /// Whether the search has reached its limit.
+    pub(super) fn is_exhausted(&self) -> bool {
+        self.solver.num_propagations() > MAX_PROPAGATIONS
     }
 
     fn clause(&mut self, mut literals: Vec<Lit>) {
@@ -324,21 +344,64 @@ impl Encoder {
         switch
     }
 
-    /// Solves with all required literals and as many preferences as are compatible. Returns the assumptions.
+    /// Solves with all required literals and as many preferences as are compatible. Returns the assumptions;
+    /// none if the literals contradict each other.
     ///
-    /// Preferences that occur in the core of a contradiction are dropped one by one. This is not a maximum
-    /// set, but needs at most one query for each preference.
-    fn first_choice(&mut self, on: &[Lit], mut preferred: Vec<Lit>) -> Vec<Lit> {
-        loop {
+    /// Preferences that occur in the core of a contradiction are dropped one by one, later all of a core. This
+    /// is not a maximum set.
+    fn first_choice(&mut self, on: &[Lit], mut preferred: Vec<Lit>) -> Option<Vec<Lit>> {
+        for query in 0.. {
             let assumed: Vec<Lit> = on.iter().chain(&preferred).copied().collect();
-            if self.solver.solve_limited(&assumed) == lbool::TRUE || preferred.is_empty() {
-                return assumed;
+            if self.solver.solve_limited(&assumed) == lbool::TRUE {
+                return Some(assumed);
+            }
+            if preferred.is_empty() || self.is_exhausted() {
+                return None;
             }
             let core: Vec<Lit> = self.solver.unsat_core().to_vec();
             let in_core = |l: &Lit| core.contains(l) || core.contains(&!*l);
             match preferred.iter().position(in_core) {
-                Some(at) => drop(preferred.remove(at)),
+                Some(at) if query < MAX_SINGLE_QUERIES => drop(preferred.remove(at)),
+                Some(_) => preferred.retain(|l| !in_core(l)),
                 None => preferred.clear(),
+            }
+        }
+        None
+    }
+
+    /// Enumerates assignments under some switches, the preferred ones first, and passes each to `accept`.
+    /// Returns true if there are no others.
+    fn enumerate(
+        &mut self,
+        on: &[Lit],
+        preferred: &[Lit],
+        patterns: &[Lit],
+        limit: usize,
+        accept: &mut impl FnMut(&Assignment, Regularity) -> Vec<u32>,
+    ) -> bool {
+        let Some(mut assumed) = self.first_choice(on, preferred.to_vec()) else { return true };
+        let mut undetermined: HashSet<u32> = HashSet::new();
+        let mut regularity = match patterns.iter().any(|p| assumed.contains(p)) {
+            true => Regularity::Equal,
+            false => Regularity::Any,
+        };
+        let mut count = 0;
+        loop {
+            count += 1;
+            let assignment = self.assignment();
+            undetermined.extend(accept(&assignment, regularity));
+            // Without the indifferent cells, all assignments that differ only in these are excluded as well.
+            // Otherwise n slivers would give 2^n copies of one solid.
+            let continues = self.exclude(&assignment, &undetermined) && count < limit;
+            let mut is_found = continues && self.solver.solve_limited(&assumed) == lbool::TRUE;
+            if continues && !is_found && assumed.len() > on.len() {
+                // The preferred assignments are exhausted; continue without preferences.
+                assumed = on.to_vec();
+                regularity = Regularity::Any;
+                is_found = self.solver.solve_limited(on) == lbool::TRUE;
+            }
+            if !is_found || self.is_exhausted() {
+                return count < limit && !is_found;
             }
         }
     }
@@ -461,30 +524,14 @@ pub(crate) fn search(
         encoder.add(sight_test, switch);
         switches.push((switch, index));
     }
-    let mut unexplained = Vec::new();
-    loop {
-        let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
-        if encoder.solver.solve_limited(&on) == lbool::TRUE {
-            break;
-        }
-        let core: Vec<Lit> = encoder.solver.unsat_core().to_vec();
-        // A test that many positions require is probably right; one that few require is more likely the error
-        // in the drawing.
-        let places = |index: usize| sight_tests.tests[index].1.len();
-        let Some(at) = (0..switches.len())
-            .filter(|&s| core.contains(&switches[s].0) || core.contains(&!switches[s].0))
-            .min_by_key(|&s| places(switches[s].1))
-        else {
-            return SearchResult { complete: true, unexplained };
-        };
-        let (_, index) = switches.swap_remove(at);
-        let (sight_test, places) = &sight_tests.tests[index];
-        unexplained.push((sight_test.expected, places[0].clone()));
-    }
-    let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
+    let is_doubtful = cells.plan.views.iter().any(|view| view.is_doubtful);
+    let (sets, unexplained) = match is_doubtful {
+        true => satisfiable_without_a_line(cells, sight_tests, &mut encoder, &switches),
+        false => satisfiable(sight_tests, &mut encoder, switches),
+    };
     // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
-    if !unexplained.is_empty() {
-        return SearchResult { complete: true, unexplained };
+    if !unexplained.is_empty() || sets.is_empty() {
+        return SearchResult { complete: !encoder.is_exhausted(), unexplained };
     }
     let mut preferred: Vec<Lit> = preferences.undrawn.iter().map(|p| encoder.prefer(p)).collect();
     let patterns: Vec<Lit> = preferences.patterns.iter().map(|p| encoder.prefer(p)).collect();
@@ -492,29 +539,15 @@ pub(crate) fn search(
     preferred.extend(preferences.surfaces.iter().map(|p| encoder.prefer(p)));
     // As few cells as possible are separated from others.
     preferred.extend(encoder.seconds.iter().flatten().map(|(_, second)| Lit::new(*second, false)));
-    let mut assumed = encoder.first_choice(&on, preferred);
-    let mut undetermined: HashSet<u32> = HashSet::new();
-    let mut regularity = match patterns.iter().any(|p| assumed.contains(p)) {
-        true => Regularity::Equal,
-        false => Regularity::Any,
-    };
-    let mut count = 0;
-    loop {
-        count += 1;
-        let assignment = encoder.assignment();
-        undetermined.extend(accept(&assignment, regularity));
-        // Without the indifferent cells, all assignments that differ only in these are excluded as well.
-        // Otherwise n slivers would give 2^n copies of one solid.
-        let continues = encoder.exclude(&assignment, &undetermined) && count < limit;
-        let mut is_found = continues && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
-        if continues && !is_found && assumed.len() > on.len() {
-            // The preferred assignments are exhausted; continue without preferences.
-            assumed.clone_from(&on);
-            regularity = Regularity::Any;
-            is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
-        }
-        if !is_found {
-            return SearchResult { complete: count < limit, unexplained };
-        }
+    if let [on] = &sets[..] {
+        // Switches that stay on are clauses: each of the following queries would propagate them again.
+        on.iter().for_each(|switch| encoder.clause(vec![*switch]));
+        let complete = encoder.enumerate(&[], &preferred, &patterns, limit, &mut accept);
+        let complete = complete && !is_doubtful && !encoder.is_exhausted();
+        return SearchResult { complete, unexplained };
     }
+    for on in &sets {
+        encoder.enumerate(on, &preferred, &patterns, MAX_WITHOUT_A_LINE, &mut accept);
+    }
+    SearchResult { complete: false, unexplained }
 }

@@ -105,7 +105,9 @@ impl SightTests {
         normal: [f64; 2],
         step: f64,
     ) {
-        if is_crowded(cells, place.view, place.at, normal, 2.0 * step) {
+        let shown = &cells.plan.views[place.view];
+        if style.is_none() && shown.is_doubtful || is_crowded(cells, place.view, place.at, normal, 2.0 * step)
+        {
             return;
         }
         let Some(sight_test) = sight_test(cells, place.view, place.at, normal, step, style) else {
