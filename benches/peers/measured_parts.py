@@ -170,7 +170,7 @@ def main():
     names = sys.argv[3:] or ["bracket", "shaft", "pocket", "hole"]
     for name in names:
         for kind, outliers in [("normal", 0.0), ("uniform", 0.0), ("heavy", 0.0), ("normal", 0.03)]:
-            z, valid, solved, undecided, holds, problems = [], 0, 0, 0, 0, []
+            z, high, valid, solved, undecided, holds, problems = [], [], 0, 0, 0, 0, []
             for seed in range(runs):
                 random = np.random.default_rng(1000 * seed + sum(map(ord, name + kind)) + int(100 * outliers))
                 with tempfile.TemporaryDirectory() as folder:
@@ -199,14 +199,17 @@ def main():
                             undecided += 1
                             holds += height["between"][0] <= true <= height["between"][1]
                         else:
-                            z.append((height["value"] - true, height["sigma"]))
+                            high.append((height["value"] - true, height["sigma"]))
                     is_closed, mass = closed(folder / "part.step")
                     valid += is_closed and abs(mass - report["solutions"][0]["volume"]) < 1e-6 * volume
-            z = np.array(z).reshape(-1, 2)
             # Coordinates that a relation to the frame fixes exactly have no σ to test.
-            free = z[z[:, 1] > 1e-9]
-            inside = np.mean(np.abs(free[:, 0]) < 1.96 * free[:, 1]) if len(free) else math.nan
-            print(f"{name:8} {kind:8} {outliers:4.2f} solved {solved}/{runs} coverage {inside:.3f} of {len(free)} "
+            shares = []
+            for errors in (z, high):
+                errors = np.array(errors).reshape(-1, 2)
+                errors = errors[errors[:, 1] > 1e-9]
+                inside = np.mean(np.abs(errors[:, 0]) < 1.96 * errors[:, 1]) if len(errors) else math.nan
+                shares.append(f"{inside:.3f} of {len(errors)}")
+            print(f"{name:8} {kind:8} {outliers:4.2f} solved {solved}/{runs} sizes {shares[0]} heights {shares[1]} "
                   f"undecided {undecided} ({holds} hold) valid STEP {valid}/{solved}", flush=True)
             for problem in sorted(set(problems))[:3]:
                 print("   ", problems.count(problem), problem)

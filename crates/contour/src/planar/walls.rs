@@ -40,6 +40,8 @@ const SPAN_SPACINGS: f64 = 4.0;
 const END_SPACINGS: f64 = 2.5;
 /// Maximum number of rounds of assigning readings; the assignment rarely changes after the fifth.
 const MAX_ROUNDS: usize = 12;
+/// Maximum distance of correlated residuals, in readings: panels and frames are rarely wider.
+const MAX_LAG: usize = 20;
 /// Smallest cost of a reading on no wall, in units of `−2 ln L`. In a region that is hardly larger than its
 /// walls, chance explains readings about as well as a wall, and everything would be an outlier.
 const MIN_OUTLIER_COST: f64 = 6.0;
@@ -207,6 +209,8 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
             readings.len()
         )));
     }
+    let factor = correlation_factor(&data, &walls);
+    walls.iter_mut().for_each(|wall| wall.fit.covariance *= factor);
     walls.sort_by_key(|wall| std::cmp::Reverse(wall.members.len()));
     let mut is_on_wall = vec![false; readings.len()];
     for &i in walls.iter().flat_map(|wall| &wall.members) {
@@ -215,6 +219,39 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
     let others = (0..readings.len()).filter(|&i| !is_on_wall[i]).collect();
     let bic = criterion(&data, &walls);
     Ok(WallMap { walls, others, bic })
+}
+
+/// Factor `1 + 2 Σ ρ_k` by which correlated residuals enlarge the covariance of walls.
+///
+/// `ρ_k` is the correlation of residuals `k` readings apart along a wall, over all walls. It is summed while it
+/// exceeds two of its σ, so that the factor is 1 for independent errors.
+fn correlation_factor(data: &WallReadings<'_>, walls: &[Wall]) -> f64 {
+    let residuals: Vec<Vec<f64>> = (walls.iter())
+        .map(|wall| {
+            let line = WallLine::new(wall.fit.state[0], wall.fit.state[1]);
+            let mut used: Vec<(f64, f64)> =
+                (wall.members.iter().zip(&wall.fit.distances).zip(&wall.fit.used))
+                    .filter(|((_, distance), used)| **used && distance.is_finite())
+                    .map(|((&i, _), _)| (line.along(data.points[i]), data.distance(&line, i)))
+                    .collect();
+            used.sort_by(|a, b| a.0.total_cmp(&b.0));
+            used.into_iter().map(|(_, distance)| distance).collect()
+        })
+        .collect();
+    let all: Vec<f64> = residuals.iter().flatten().copied().collect();
+    let variance = all.iter().map(|r| r * r).sum::<f64>() / all.len().max(1) as f64;
+    let mut factor = 1.0;
+    for lag in 1..=MAX_LAG {
+        let pairs: Vec<f64> =
+            residuals.iter().flat_map(|r| r.iter().zip(r.iter().skip(lag)).map(|(a, b)| a * b)).collect();
+        let n = pairs.len().max(1) as f64;
+        let correlation = pairs.iter().sum::<f64>() / (n * variance.max(f64::MIN_POSITIVE));
+        if correlation * n.sqrt() < 2.0 {
+            break;
+        }
+        factor += 2.0 * correlation;
+    }
+    factor
 }
 
 /// Assigns each reading to its nearest wall, refits the walls, and drops those that no longer pay.

@@ -183,3 +183,62 @@ pub(crate) fn read_carmen<R: Read>(
     }
     Ok(read)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{CarmenOptions, is_log_line};
+    use crate::contours::{ContourReadings, SigmaDefaults, read_contour_readings};
+    use planish_estimate::Result;
+
+    fn read(text: &str) -> Result<ContourReadings> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("robot.log");
+        std::fs::write(&path, text).expect("a file");
+        read_contour_readings(&path, &SigmaDefaults::default(), &CarmenOptions::default())
+    }
+
+    #[test]
+    fn a_log_begins_with_any_keyword() {
+        let scan = "FLASER 3 2 2 2 1 0 0 1 0 0 7.5 host 7.5\n";
+        for first in
+            ["ODOM 0 0 0 0 0 0 0 host 0", "# a comment", "NEFF 12.5", "PARAM a b", "\n# x\n\nSYNC 1", ""]
+        {
+            let read = read(&format!("{first}\n{scan}")).expect(first);
+            assert_eq!(read.sightings.len(), 3, "{first}");
+            assert!(read.in_metres && read.sightings[0].time_s == 7.5);
+        }
+        // Three beams over half a turn: right, ahead, left. Two steps, not three.
+        let points: Vec<[f64; 2]> = read(scan).expect("a scan").sightings.iter().map(|s| s.point()).collect();
+        for (point, expected) in points.iter().zip([[1.0, -2.0], [3.0, 0.0], [1.0, 2.0]]) {
+            assert!((point[0] - expected[0]).abs() + (point[1] - expected[1]).abs() < 1e-12, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn beams_of_robotlaser_have_their_own_field() {
+        // Type, start −45°, field 90°, step 45°, maximum, accuracy, mode; three ranges; one remission; poses.
+        let line = "ROBOTLASER1 0 -0.7853981633974483 1.5707963267948966 0.7853981633974483 81 0.01 0 3 1 2 1 1 9 \
+                    5 5 0 5 5 0 0 0 0 0 0 3.25 host 3.25\n";
+        let read = read(line).expect("a scan");
+        assert_eq!(read.sightings[1].point(), [7.0, 5.0]);
+        assert_eq!(read.sightings[1].time_s, 3.25);
+        let [x, y] = read.sightings[2].point();
+        assert!((x - 5.0 - 0.5f64.sqrt()).abs() < 1e-12 && (y - 5.0 - 0.5f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn tables_are_no_logs_and_cut_scans_are_errors() {
+        assert!(!is_log_line(b"x,y,range") && !is_log_line(b"X,Y") && !is_log_line(b"x y"));
+        let table = read("# points\nx,y,sigma\n1,2,0.1\n").expect("a table after a comment");
+        assert_eq!(table.sightings.len(), 1);
+        for (line, expected) in [
+            ("FLASER 3 1 1\n", "expected `FLASER n`"),
+            ("FLASER 99999999999999999999 1\n", "expected `FLASER n`"),
+            ("ROBOTLASER1 0 -1 2 1 81 0.01 0 2 1 1 99999999999999999999\n", "expected `ROBOTLASER1`"),
+            ("ODOM 0 0 0\n", "lines FLASER or ROBOTLASER1"),
+        ] {
+            let error = read(line).expect_err(line).to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}

@@ -16,7 +16,8 @@ use super::{FaceCounts, RankedSolid, SolidJob, SolidReport, counts, writing};
 use crate::contour::ReportedValue;
 use nalgebra::{DMatrix, DVector};
 use planish_contour::constraint::{
-    Axis, Candidate, ConstrainOptions, Constraint, PointId, candidates, chi_square_tail, constrain_among,
+    Axis, Candidate, ConstrainOptions, Constraint, Place, PointId, candidates, chi_square_tail,
+    constrain_among,
 };
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
@@ -27,6 +28,7 @@ use planish_exchange::{Unit, extension};
 use planish_solid::stack::{SectionLoop, Slab, stack_of};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::path::Path;
 
 /// Horizontal lines of an outline are inclined by less than this (1°). Others are oblique.
@@ -261,7 +263,11 @@ fn mean_of(a: &EstimatedContour, b: &EstimatedContour) -> Option<(EstimatedConto
     }
     let theta = DVector::from_column_slice(&a.theta);
     let compared = |order: Vec<usize>| {
-        let off = DVector::from_iterator(theta.len(), order.iter().map(|&i| b.theta[i])) - &theta;
+        let mut off = DVector::from_iterator(theta.len(), order.iter().map(|&i| b.theta[i])) - &theta;
+        // An angle just below its period is close to one just above zero.
+        if let Some((i, period)) = period_of_angle(&a.kind) {
+            off[i] -= period * (off[i] / period).round();
+        }
         let own = |i: usize, j: usize| b.covariance[(order[i], order[j])];
         let both = &a.covariance + DMatrix::from_fn(theta.len(), theta.len(), own);
         let both = both.cholesky()?;
@@ -274,6 +280,17 @@ fn mean_of(a: &EstimatedContour, b: &EstimatedContour) -> Option<(EstimatedConto
     let covariance = &a.covariance - &a.covariance * both.solve(&a.covariance);
     let covariance = 0.5 * (&covariance + covariance.transpose());
     Some((EstimatedContour { theta: mean.as_slice().to_vec(), covariance, ..a.clone() }, squares))
+}
+
+/// Index of the angle of a kind, and its period in radians.
+fn period_of_angle(kind: &ContourKind) -> Option<(usize, f64)> {
+    match kind {
+        ContourKind::Ellipse | ContourKind::Rectangle | ContourKind::RoundedRectangle | ContourKind::Slot => {
+            Some((4, PI))
+        }
+        ContourKind::RegularPolygon(sides) => Some((3, 2.0 * PI / *sides as f64)),
+        _ => None,
+    }
 }
 
 /// The orders of the parameters of a contour that mean the same contour.
@@ -307,7 +324,11 @@ fn adjust(sections: &mut [Section], level: f64) -> Result<Adjusted> {
         for (i, &(k, a)) in points.iter().enumerate() {
             for &(_, b) in points[i + 1..].iter().filter(|(other, _)| *other != k) {
                 for axis in [Axis::X, Axis::Y] {
-                    tested.push(Candidate { constraint: Constraint::Aligned { a, b, axis }, range: extent });
+                    let place = |point| Place::Point { point, axis };
+                    tested.push(Candidate {
+                        constraint: Constraint::Aligned { a: place(a), b: place(b) },
+                        range: extent,
+                    });
                 }
             }
         }
