@@ -56,8 +56,8 @@ const PLATEAU: usize = 3;
 /// Maximum difference of the brightness at one end of a profile, in σ of its noise. Another edge is too near
 /// if it is larger.
 const PLATEAU_SIGMAS: f64 = 5.0;
-/// Maximum number of samples per pixel and axis that is recognised. More leave an error below 0.06 pixels, and
-/// their grey levels are more and more those of any picture.
+/// Maximum number of samples per pixel and axis that is recognised. More leave an error below 0.06 pixels,
+/// and their grey levels are more and more those of any picture.
 const MAX_SAMPLES: usize = 4;
 /// Grey levels count as those of `n` samples if their variance about them is below this fraction of that of
 /// evenly spread levels. Four sides along the rows at independent places pass by chance in 2 of 100 pictures;
@@ -106,8 +106,8 @@ const AVERAGING_RADIUS: f64 = 6.0;
 /// # References
 /// Canny 1986, *A computational approach to edge detection*; Devernay 1995, *A non-maxima suppression method
 /// for edge detection with sub-pixel accuracy*; Immerkær 1996, *Fast noise variance estimation*; Verbeek and
-/// van Vliet 1994, *On the location error of curved edges in low-pass filtered 2-D and 3-D images*; Trujillo-Pino
-/// et al. 2013, *Accurate subpixel edge location based on partial area effect*.
+/// van Vliet 1994, *On the location error of curved edges in low-pass filtered 2-D and 3-D images*;
+/// Trujillo-Pino et al. 2013, *Accurate subpixel edge location based on partial area effect*.
 pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint>> {
     let s = options.smoothing_px;
     if !(s >= 0.5 && s.is_finite()) {
@@ -177,7 +177,8 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
             blur = spread;
         }
         // Away from the centre of curvature, which lies on the brighter side where κ is positive.
-        // Points beside a corner have a curvature that is not that of the side: it moved sides outwards by 0.01.
+        // Points beside a corner have a curvature that is not that of the side: it moved sides outwards by
+        // 0.01.
         let back = 0.5 * mean_curvature(i, &|k| !near_corner[k]) * blur;
         position = [0, 1].map(|k| position[k] - back * edge.uphill[k]);
         sigma_px = sigma_px.max(f64::MIN_POSITIVE);
@@ -245,7 +246,8 @@ impl Profiles<'_> {
         let sum: f64 = weights.iter().sum();
         let [along, across] =
             [edge.position[edge.axis].round() as i64, edge.position[1 - edge.axis].round() as i64];
-        // The window holds the blur of the image, of variance `spread − s²`, and the inclined edge in all rows.
+        // The window holds the blur of the image, of variance `spread − s²`, and the inclined edge in all
+        // rows.
         let blur = (self.spread - s * s).max(0.0);
         let slope = (edge.uphill[1 - edge.axis] / edge.uphill[edge.axis]).abs();
         let half = (1.0 + 2.5 * (blur - 1.0 / 6.0).max(0.0).sqrt() + rows as f64 * slope).ceil() as i64;
@@ -526,7 +528,8 @@ mod tests {
             let image = half_plane(40.23, 0.0, n, noise, 3);
             let points = edge_points(&image, &EdgeOptions::default()).expect("edges");
             let expected = 1.0 / (f64::from(n) * 12f64.sqrt());
-            // A single side may lie at a multiple of a smaller number of samples by chance, never of a larger.
+            // A single side may lie at a multiple of a smaller number of samples by chance, never of a
+            // larger.
             assert!(points[0].sampling_px >= expected - 1e-12, "{n}: {}", points[0].sampling_px);
         }
     }

@@ -53,8 +53,8 @@ const COINCIDENCE: f64 = 1e-7;
 /// The solid of slabs, in ascending order, from sections in x and y along z.
 ///
 /// # Errors
-/// `Input` if a slab is not above the one before or has no loop; `Unsupported` if curves of two sections cross
-/// or nearly coincide; `Undetermined` if the slabs do not form one closed body.
+/// `Input` if a slab is not above the one before or has no loop; `Unsupported` if curves of two sections
+/// cross or nearly coincide; `Undetermined` if the slabs do not form one closed body.
 ///
 /// # Examples
 /// ```
@@ -105,7 +105,7 @@ pub fn stack_of(slabs: &[Slab]) -> Result<Solid> {
     solid.check(COINCIDENCE * size * 10.0)?;
     if solid.shells().len() != 1 {
         return Err(Error::undetermined(format!(
-            "expected sections that form one body, found {} bodies: sections of neighbouring heights must overlap",
+            "expected sections that form one body, found {} bodies: neighbouring sections must overlap",
             solid.shells().len()
         )));
     }

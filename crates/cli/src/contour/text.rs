@@ -23,8 +23,8 @@ pub fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
     if let Some(samples) = report.samples_per_pixel {
         lines.gap();
         lines.line(format!(
-            "The picture has {samples} × {samples} samples per pixel: σ includes the displacement of sides along \
-             its rows and columns."
+            "The picture has {samples} × {samples} samples per pixel: σ includes the displacement of sides \
+             along its rows and columns."
         ));
     }
     if let Some(levels) = &report.levels {

@@ -48,8 +48,10 @@ impl ContourFit {
     /// Covariance of the state by independent modes of unit variance that displace many readings at once.
     ///
     /// A mode `m` displaces reading `i` by the vector `m_i`. With the gradient `g_i` of its distance by the
-    /// parameters, the normal `n_i` and the variance `s_i²` of the distance, the least-squares contour moves by
-    /// `δ = −P Σ g_i (n_i·m_i)/s_i²`, `P` being the covariance of the fit. The result is `Σ δ δᵀ` over the modes.
+    /// parameters, the normal `n_i` and the variance `s_i²` of the distance, the least-squares contour
+    /// moves by
+    /// `δ = −P Σ g_i (n_i·m_i)/s_i²`, `P` being the covariance of the fit. The result is `Σ δ δᵀ` over the
+    /// modes.
     ///
     /// # Examples
     /// ```

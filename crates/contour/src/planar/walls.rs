@@ -1,16 +1,16 @@
 //! Straight walls in readings of a room, a corridor or a building.
 //!
-//! In: readings from inside or outside, in any order; scans of one origin keep their order in the file. Out: a
-//! [`WallMap`]: each wall as a fitted line with its readings and the spans where it was measured, and the
-//! readings on no wall. Not guaranteed: a curved wall becomes several short ones. Errors that walls share,
-//! such as that of a pose, are part of each σ, but correlations between walls are not reported.
+//! In: readings from inside or outside, in any order; scans of one origin keep their order in the file.
+//! Out: a [`WallMap`]: each wall as a fitted line with its readings and the spans where it was measured,
+//! and the readings on no wall. Not guaranteed: a curved wall becomes several short ones. Errors that walls
+//! share, such as that of a pose, are part of each σ, but correlations between walls are not reported.
 //!
 //! | stage | method |
 //! |---|---|
 //! | runs | order of the readings, then the optimal partition into lines and outliers (`runs`) |
 //! | merge | two walls become one if that lowers the BIC and they are near each other |
 //! | assign | each reading to its nearest wall within the gate; walls are refitted or dropped by BIC |
-//! | fit | each line by the estimator of [`super::fit()`], without readings that also agree with another wall |
+//! | fit | each line by the estimator of [`super::fit()`], without readings near another wall |
 
 mod line;
 mod runs;
@@ -30,8 +30,8 @@ use std::f64::consts::TAU;
 /// In 1000 simulated rooms a lower limit makes walls of clutter; a higher one loses door frames, of which a
 /// scan of 1° measures five to eight readings.
 pub(super) const MIN_WALL_READINGS: usize = 5;
-/// Cost of a wall in units of `ln n`: two parameters of its line, and the choice of its first and last reading
-/// among all, `2 ln n²`. With four, one of twenty sets of 60 scattered points had a wall.
+/// Cost of a wall in units of `ln n`: two parameters of its line, and the choice of its first and last
+/// reading among all, `2 ln n²`. With four, one of twenty sets of 60 scattered points had a wall.
 const PARAMETERS: f64 = 6.0;
 /// A space along a wall without readings ends a span if it exceeds this multiple of the spacing beside it.
 const SPAN_SPACINGS: f64 = 4.0;
@@ -158,8 +158,9 @@ impl<'a> WallReadings<'a> {
 
 /// Finds the walls in readings.
 ///
-/// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `6 ln n` per wall, where a reading on
-/// no wall is spread evenly over the bounding box. Lines are then fitted as by [`super::fit()`]. Cost: for
+/// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `6 ln n` per wall, where a
+/// reading on no wall is spread evenly over the bounding box. Lines are then fitted as by [`super::fit()`].
+/// Cost: for
 /// `n` readings in scans of `m`, `n m` for the runs and `n` times the number of walls for each round.
 ///
 /// # Errors
@@ -223,8 +224,8 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
 
 /// Factor `1 + 2 Σ ρ_k` by which correlated residuals enlarge the covariance of walls.
 ///
-/// `ρ_k` is the correlation of residuals `k` readings apart along a wall, over all walls. It is summed while it
-/// exceeds two of its σ, so that the factor is 1 for independent errors.
+/// `ρ_k` is the correlation of residuals `k` readings apart along a wall, over all walls. It is summed
+/// while it exceeds two of its σ, so that the factor is 1 for independent errors.
 fn correlation_factor(data: &WallReadings<'_>, walls: &[Wall]) -> f64 {
     let residuals: Vec<Vec<f64>> = (walls.iter())
         .map(|wall| {

@@ -3,7 +3,7 @@
 //! | line | words |
 //! |---|---|
 //! | `FLASER` | `n r1 … rn x y θ odom_x odom_y odom_θ time host time`: half a turn about the heading `θ` |
-//! | `ROBOTLASER1` | `type start field resolution max accuracy mode n r1 … rn m e1 … em x y θ …`, see [`ScanLine`] |
+//! | `ROBOTLASER1` | `type start field resolution max accuracy mode n r1 … rn m e1 … em x y θ …` |
 //!
 //! Other lines are skipped. A file is a log if its first line that is no comment begins with a keyword in
 //! capitals and has no comma, whatever the keyword.
@@ -106,8 +106,8 @@ impl ScanLine {
     }
 }
 
-/// Reads the selected scans; `first` is the first line of the file, which was read to detect the format. Beams
-/// of a scan share a pose.
+/// Reads the selected scans; `first` is the first line of the file, which was read to detect the format.
+/// Beams of a scan share a pose.
 pub(crate) fn read_carmen<R: Read>(
     source: &mut Source<R>,
     first: &[u8],
@@ -217,8 +217,8 @@ mod tests {
     #[test]
     fn beams_of_robotlaser_have_their_own_field() {
         // Type, start −45°, field 90°, step 45°, maximum, accuracy, mode; three ranges; one remission; poses.
-        let line = "ROBOTLASER1 0 -0.7853981633974483 1.5707963267948966 0.7853981633974483 81 0.01 0 3 1 2 1 1 9 \
-                    5 5 0 5 5 0 0 0 0 0 0 3.25 host 3.25\n";
+        let line = "ROBOTLASER1 0 -0.7853981633974483 1.5707963267948966 0.7853981633974483 81 0.01 0 3 1 2 1 \
+                    1 9 5 5 0 5 5 0 0 0 0 0 0 3.25 host 3.25\n";
         let read = read(line).expect("a scan");
         assert_eq!(read.sightings[1].point(), [7.0, 5.0]);
         assert_eq!(read.sightings[1].time_s, 3.25);

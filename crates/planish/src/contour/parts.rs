@@ -274,8 +274,8 @@ fn is_consistent(choice: &Choice) -> bool {
 
 /// Replaces the default σ of the ranges of a log by the scatter of the readings about their walls.
 ///
-/// The result includes the roughness of walls, which is an error for a straight one. It is at most the default.
-/// Readings without walls keep their σ.
+/// The result includes the roughness of walls, which is an error for a straight one. It is at most the
+/// default. Readings without walls keep their σ.
 fn estimate_sigma(sightings: &mut [ContourReading], options: &ContourFitOptions) -> Option<f64> {
     let mut sigma = DEFAULT_SIGMA_RANGE;
     for _ in 0..SIGMA_ROUNDS {

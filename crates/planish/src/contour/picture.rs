@@ -69,9 +69,10 @@ impl Sampling {
 
     /// Adds the covariance of displaced sides to a part.
     ///
-    /// With samples `1/n` pixel apart, an edge at `x` is displaced by about `A cos(2π n x + ψ)` along its axis,
-    /// with the same unknown phase `ψ` along a side. Sides along the rows have one `x` and one displacement;
-    /// across the rows of an inclined side, displacements cancel. Each side has a phase of its own.
+    /// With samples `1/n` pixel apart, an edge at `x` is displaced by about `A cos(2π n x + ψ)` along its
+    /// axis, with the same unknown phase `ψ` along a side. Sides along the rows have one `x` and one
+    /// displacement; across the rows of an inclined side, displacements cancel. Each side has a phase of
+    /// its own.
     pub(super) fn add_to(&self, part: &mut Part, sightings: &[ContourReading]) {
         let Some(samples) = self.samples() else { return };
         let readings: Vec<ContourReading> = part.members.iter().map(|&i| sightings[i]).collect();

@@ -463,8 +463,8 @@ fn heights(sections: &[Section], measured: &[[f64; 2]]) -> Result<Vec<ReportedHe
     match measured.len() - used {
         0 => Ok(heights),
         n => Err(Error::undetermined(format!(
-            "the outlines have {n} more horizontal lines within sections that agree: the object has a step that \
-             the sections do not show, or σ is too large to see it"
+            "the outlines have {n} more horizontal lines within sections that agree: the object has a step \
+             that the sections do not show, or σ is too large to see it"
         ))),
     }
 }

@@ -283,8 +283,8 @@ pub(super) struct Interface {
 impl Interface {
     pub(super) fn new(lower: &Region, upper: &Region, points: &mut Points) -> Result<Self> {
         let both = [lower, upper];
-        // Boundaries are cut at each other's points, and where lines cross. Points of other sections would add
-        // vertices that nothing needs.
+        // Boundaries are cut at each other's points, and where lines cross. Points of other sections would
+        // add vertices that nothing needs.
         let mut cuts: Vec<usize> = both.iter().flat_map(|r| &r.pieces).flat_map(|p| [p.from, p.to]).collect();
         for a in lower.atoms() {
             for b in upper.atoms() {
@@ -341,7 +341,7 @@ fn side(atom: &Atom, chords: &[[[f64; 2]; 2]], points: &Points) -> Result<bool> 
     let tests = [0.07, 0.31, 0.5, 0.69, 0.93].map(|share| is_inside(atom.point(share, points), chords));
     if tests.iter().any(|test| *test != tests[0]) {
         return Err(Error::unsupported(
-            "a curve of one section crosses that of the next, or nearly coincides with it: only lines may cross",
+            "a curve of one section crosses the next, or nearly coincides with it: only lines may cross",
         ));
     }
     Ok(tests[0])
