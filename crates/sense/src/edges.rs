@@ -65,8 +65,12 @@ const MAX_SAMPLES: usize = 4;
 const SAMPLED_SHARE: f64 = 0.1;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
 const MIN_DISTANCE_SIGMAS: f64 = 3.0;
-/// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
-const MIN_RADIUS: f64 = 6.0;
+/// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners. Averaged over
+/// [`BEND_RADIUS`], a corner that turns by `φ` has the curvature `φ/6`: turns from 50° are corners.
+const MIN_RADIUS: f64 = 7.0;
+/// Radius, in σ of the smoothing, over which curvature is averaged to find corners. Over twice as much, a right
+/// angle had the curvature of a disc of radius 8, and points beside corners, 0.05 pixels off, were kept.
+const BEND_RADIUS: f64 = 3.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
 const AVERAGING_RADIUS: f64 = 6.0;
 
@@ -142,12 +146,12 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     // correction.
     let grid = Buckets::new(&found, AVERAGING_RADIUS * s);
     let reach = AVERAGING_RADIUS * s;
-    let mean_curvature = |i: usize, is_used: &dyn Fn(usize) -> bool| {
-        let near = grid.near(&found, found[i].position, reach).filter(|&k| is_used(k));
+    let mean_curvature = |i: usize, within: f64, is_used: &dyn Fn(usize) -> bool| {
+        let near = grid.near(&found, found[i].position, within).filter(|&k| is_used(k));
         let (sum, count) = near.fold((0.0, 0), |(sum, n), k| (sum + found[k].curvature, n + 1));
         sum / f64::from(count.max(1))
     };
-    let is_bend = |i: usize| mean_curvature(i, &|_| true).abs() * MIN_RADIUS * s > 1.0;
+    let is_bend = |i: usize| mean_curvature(i, BEND_RADIUS * s, &|_| true).abs() * MIN_RADIUS * s > 1.0;
     let bend: Vec<bool> = (0..found.len()).map(is_bend).collect();
     // Blur moves points near a corner inwards.
     let near_corner: Vec<bool> =
@@ -179,7 +183,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
         // Away from the centre of curvature, which lies on the brighter side where κ is positive.
         // Points beside a corner have a curvature that is not that of the side: it moved sides outwards by
         // 0.01.
-        let back = 0.5 * mean_curvature(i, &|k| !near_corner[k]) * blur;
+        let back = 0.5 * mean_curvature(i, reach, &|k| !near_corner[k]) * blur;
         position = [0, 1].map(|k| position[k] - back * edge.uphill[k]);
         sigma_px = sigma_px.max(f64::MIN_POSITIVE);
         kept.push(EdgePoint { position, sigma_px, sampling_px: 0.0, axis: edge.axis });

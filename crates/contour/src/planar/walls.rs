@@ -25,14 +25,15 @@ use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
-/// Minimum number of readings of a wall: three more than a line needs.
+/// Minimum number of readings of a wall in scans, whose order is known, and among readings without an order.
 ///
-/// In 1000 simulated rooms a lower limit makes walls of clutter; a higher one loses door frames, of which a
-/// scan of 1° measures five to eight readings.
-pub(super) const MIN_WALL_READINGS: usize = 5;
-/// Cost of a wall in units of `ln n`: two parameters of its line, and the choice of its first and last
-/// reading among all, `2 ln n²`. With four, one of twenty sets of 60 scattered points had a wall.
-const PARAMETERS: f64 = 6.0;
+/// A line needs two. Of four scattered readings next to each other in a scan, one in ten thousand sets is as
+/// straight as a wall; a path through unordered readings can be chosen among many.
+const MIN_WALL_READINGS: [usize; 2] = [4, 5];
+/// Cost of a wall in units of `ln n`, in scans and without an order: two parameters of its line and two ends,
+/// and without an order the choice of the path. With four, one of 20 sets of 60 unordered scattered points had
+/// a wall.
+const PARAMETERS: [f64; 2] = [4.0, 6.0];
 /// A space along a wall without readings ends a span if it exceeds this multiple of the spacing beside it.
 const SPAN_SPACINGS: f64 = 4.0;
 /// Walls meet if both end within this many readings of their intersection. Readings near a corner may belong
@@ -93,6 +94,7 @@ pub(super) struct WallReadings<'a> {
     outlier_cost: f64,
     /// Cost of a wall: its parameters times the logarithm of the number of readings.
     wall_cost: f64,
+    min_readings: usize,
 }
 
 /// A line with the readings assigned to it, during the search.
@@ -114,7 +116,10 @@ impl<'a> WallReadings<'a> {
         // long as the perimeter of the box.
         let ratio = width * height / (TAU.sqrt() * sigma * 2.0 * (width + height)).max(f64::MIN_POSITIVE);
         let outlier_cost = (2.0 * ratio.max(1.0).ln()).clamp(MIN_OUTLIER_COST, gate * gate);
-        Self { readings, points, covariances, gate, outlier_cost, wall_cost: PARAMETERS * n.max(2.0).ln() }
+        let is_unordered = usize::from(!runs::scans(readings).1.is_empty());
+        let wall_cost = PARAMETERS[is_unordered] * n.max(2.0).ln();
+        let min_readings = MIN_WALL_READINGS[is_unordered];
+        Self { readings, points, covariances, gate, outlier_cost, wall_cost, min_readings }
     }
 
     /// Distance of a reading from a line in its own σ.
@@ -158,13 +163,13 @@ impl<'a> WallReadings<'a> {
 
 /// Finds the walls in readings.
 ///
-/// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `6 ln n` per wall, where a
+/// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `4 ln n` per wall (`6 ln n` without scans), where a
 /// reading on no wall is spread evenly over the bounding box. Lines are then fitted as by [`super::fit()`].
 /// Cost: for
 /// `n` readings in scans of `m`, `n m` for the runs and `n` times the number of walls for each round.
 ///
 /// # Errors
-/// `Undetermined` if no five readings form a wall.
+/// `Undetermined` if no readings form a wall: four of a scan, or five without an order.
 ///
 /// # Examples
 /// ```
@@ -206,7 +211,8 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
     }
     if walls.is_empty() {
         return Err(Error::undetermined(format!(
-            "expected {MIN_WALL_READINGS} or more readings along a straight wall, found none among {}",
+            "expected {} or more readings along a straight wall, found none among {}",
+            data.min_readings,
             readings.len()
         )));
     }
@@ -277,7 +283,7 @@ fn assign(data: &WallReadings<'_>, found: &mut Vec<Candidate>) {
             found[k].members.push(i);
         }
     }
-    found.retain(|one| one.members.len() >= MIN_WALL_READINGS);
+    found.retain(|one| one.members.len() >= data.min_readings);
     for one in found.iter_mut() {
         one.line = data.line(&one.members);
     }
@@ -365,7 +371,7 @@ fn fitted(
             .all(|(k, other)| k == own || data.distance(&other.line, i).abs() > data.gate)
     };
     let clear: Vec<usize> = members.iter().copied().filter(is_clear).collect();
-    let used = if 2 * clear.len() > members.len() && clear.len() >= MIN_WALL_READINGS {
+    let used = if 2 * clear.len() > members.len() && clear.len() >= data.min_readings {
         clear
     } else {
         members.clone()

@@ -58,7 +58,7 @@ impl WallLine {
         let cross = self.cos * other.sin - self.sin * other.cos;
         (cross.abs() > 0.1).then(|| {
             [
-                (self.offset * other.cos - other.offset * self.cos) / -cross,
+                (self.offset * other.cos - other.offset * self.cos) / cross,
                 (other.offset * self.sin - self.offset * other.sin) / cross,
             ]
         })

@@ -4,9 +4,9 @@
 //! into runs and outliers with the least cost is found by dynamic programming; unlike split-and-merge, it
 //! does not depend on a first split.
 
-use super::super::reading::ContourTarget;
+use super::super::reading::{ContourReading, ContourTarget};
 use super::super::start::Sums;
-use super::{Candidate, MIN_WALL_READINGS, WallReadings};
+use super::{Candidate, WallReadings};
 
 /// Minimum number of successive ranges from one origin that count as a scan.
 const MIN_SCAN: usize = 8;
@@ -19,7 +19,7 @@ const MAX_ORDERED: usize = 6000;
 
 /// Walls of successive readings.
 pub(super) fn runs(data: &WallReadings<'_>) -> Vec<Candidate> {
-    let (scans, single) = scans(data);
+    let (scans, single) = scans(data.readings);
     let mut found: Vec<Candidate> = scans.iter().flat_map(|order| partition(data, order)).collect();
     if !single.is_empty() {
         found.extend(partition(data, &path(data, single)));
@@ -28,16 +28,16 @@ pub(super) fn runs(data: &WallReadings<'_>) -> Vec<Candidate> {
 }
 
 /// Successive ranges from one origin, and the readings that are in no scan.
-fn scans(data: &WallReadings<'_>) -> (Vec<Vec<usize>>, Vec<usize>) {
-    let origin = |i: usize| match data.readings[i].target {
+pub(super) fn scans(readings: &[ContourReading]) -> (Vec<Vec<usize>>, Vec<usize>) {
+    let origin = |i: usize| match readings[i].target {
         ContourTarget::Range { origin, .. } => Some(origin),
         ContourTarget::Point { .. } => None,
     };
     let (mut scans, mut single) = (Vec::new(), Vec::new());
     let mut at = 0;
-    while at < data.readings.len() {
+    while at < readings.len() {
         let mut end = at + 1;
-        while end < data.readings.len() && origin(end).is_some() && origin(end) == origin(at) {
+        while end < readings.len() && origin(end).is_some() && origin(end) == origin(at) {
             end += 1;
         }
         if end - at >= MIN_SCAN {
@@ -70,7 +70,7 @@ fn path(data: &WallReadings<'_>, mut left: Vec<usize>) -> Vec<usize> {
     order
 }
 
-/// The partition of ordered readings into lines and outliers with the least cost `−2 ln L + 6 ln n` per line
+/// The partition of ordered readings into lines and outliers with the least cost: `−2 ln L` and that of each line
 /// (optimal partitioning).
 fn partition(data: &WallReadings<'_>, order: &[usize]) -> Vec<Candidate> {
     let n = order.len();
@@ -88,7 +88,7 @@ fn partition(data: &WallReadings<'_>, order: &[usize]) -> Vec<Candidate> {
     let mut from: Vec<Option<usize>> = vec![None; n + 1];
     for end in 1..=n {
         cost[end] = cost[end - 1] + data.outlier_cost;
-        for begin in end.saturating_sub(MAX_RUN)..(end + 1).saturating_sub(MIN_WALL_READINGS) {
+        for begin in end.saturating_sub(MAX_RUN)..(end + 1).saturating_sub(data.min_readings) {
             let squares = cumulated[end].minus(&cumulated[begin]).line().2;
             let with = cost[begin] + squares + data.wall_cost;
             if with < cost[end] {

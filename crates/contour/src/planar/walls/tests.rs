@@ -103,12 +103,13 @@ fn walls_of_a_corridor_are_found_and_covered() {
     // Walls in line are one wall with a door between them: segments 0 and 1, and 3, 7 and 8.
     let options = ContourFitOptions::default();
     for kind in [Noise::Normal, Noise::Uniform, Noise::Heavy] {
-        let (mut inside, mut all, mut extra) = (0_usize, 0_usize, 0_usize);
+        let (mut inside, mut all, mut extra, mut used) = (0_usize, 0_usize, 0_usize, 0.0);
         for seed in 0..60 {
             let readings = scan([6.0, 1.1], 0.02, 0.05, kind, seed);
             let map = find_walls(&readings, &options).unwrap();
             let on_walls = readings.len() - map.others.len();
-            assert!(on_walls as f64 > 0.9 * readings.len() as f64, "{kind:?} {seed}: {on_walls}");
+            assert!(on_walls as f64 > 0.8 * readings.len() as f64, "{kind:?} {seed}: {on_walls}");
+            used += on_walls as f64 / readings.len() as f64;
             extra += map.walls.len().saturating_sub(7);
             for segment in [0, 1, 2, 3, 5, 7, 9] {
                 let (_, offset) = nearest(&map, CORRIDOR[segment]);
@@ -119,6 +120,7 @@ fn walls_of_a_corridor_are_found_and_covered() {
         let share = inside as f64 / all as f64;
         println!("{kind:?}: coverage {share:.3}, {extra} walls of clutter in 60 scans");
         assert!((0.92..0.98).contains(&share), "{kind:?}: coverage {share:.3}");
+        assert!(used > 0.92 * 60.0, "{kind:?}: {used} of 60");
         assert!(extra < 20, "{extra} walls of clutter");
     }
 }
@@ -187,7 +189,8 @@ fn walls_are_found_from_outside_and_without_an_order() {
 }
 
 #[test]
-fn scattered_readings_are_no_walls() {
+fn scattered_readings_are_rarely_walls() {
+    let mut walls = 0;
     for seed in 0..20 {
         let mut random = SplitMix64::new(seed);
         let readings: Vec<ContourReading> = (0..60)
@@ -197,6 +200,7 @@ fn scattered_readings_are_no_walls() {
                 ContourReading { target, pose: None, time_s: 0.0, line }
             })
             .collect();
-        assert!(find_walls(&readings, &ContourFitOptions::default()).is_err(), "{seed}");
+        walls += find_walls(&readings, &ContourFitOptions::default()).map_or(0, |map| map.walls.len());
     }
+    assert!(walls <= 2, "{walls} walls in 20 sets");
 }
