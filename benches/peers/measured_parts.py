@@ -176,7 +176,7 @@ def main():
                 with tempfile.TemporaryDirectory() as folder:
                     folder = Path(folder)
                     sections, heights, volume, corners = simulate(name, kind, outliers, random, folder)
-                    kinds = ["--kind", "rectangle", "--kind", "circle"]
+                    kinds = ["--kind", "rectangle", "--kind", "circle", "--gap", 10.5 if name == "pocket" else 7]
                     try:
                         run(program, "contour", folder / "sections.csv", "--sigma-point", SIGMA, *kinds,
                             "-o", folder / "sections.json")

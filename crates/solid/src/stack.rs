@@ -102,7 +102,10 @@ pub fn stack_of(slabs: &[Slab]) -> Result<Solid> {
         );
     }
     let solid = builder.solid;
-    solid.check(COINCIDENCE * size * 10.0)?;
+    solid.check(COINCIDENCE * size * 10.0).map_err(|e| {
+        let text = "the sections form no closed solid: contours of one height cross or touch";
+        Error::undetermined(format!("{text} ({e})")).with_source(e)
+    })?;
     if solid.shells().len() != 1 {
         return Err(Error::undetermined(format!(
             "expected sections that form one body, found {} bodies: neighbouring sections must overlap",
