@@ -68,8 +68,9 @@ const MIN_DISTANCE_SIGMAS: f64 = 3.0;
 /// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners. Averaged over
 /// [`BEND_RADIUS`], a corner that turns by `φ` has the curvature `φ/6`: turns from 50° are corners.
 const MIN_RADIUS: f64 = 7.0;
-/// Radius, in σ of the smoothing, over which curvature is averaged to find corners. Over twice as much, a right
-/// angle had the curvature of a disc of radius 8, and points beside corners, 0.05 pixels off, were kept.
+/// Radius, in σ of the smoothing, over which curvature is averaged to find corners. Over twice as much, a
+/// right angle had the curvature of a disc of radius 8, and points beside corners, 0.05 pixels off, were
+/// kept.
 const BEND_RADIUS: f64 = 3.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
 const AVERAGING_RADIUS: f64 = 6.0;

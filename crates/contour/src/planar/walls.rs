@@ -31,8 +31,8 @@ use std::f64::consts::TAU;
 /// straight as a wall; a path through unordered readings can be chosen among many.
 const MIN_WALL_READINGS: [usize; 2] = [4, 5];
 /// Cost of a wall in units of `ln n`, in scans and without an order: two parameters of its line and two ends,
-/// and without an order the choice of the path. With four, one of 20 sets of 60 unordered scattered points had
-/// a wall.
+/// and without an order the choice of the path. With four, one of 20 sets of 60 unordered scattered points
+/// had a wall.
 const PARAMETERS: [f64; 2] = [4.0, 6.0];
 /// A space along a wall without readings ends a span if it exceeds this multiple of the spacing beside it.
 const SPAN_SPACINGS: f64 = 4.0;
@@ -163,9 +163,9 @@ impl<'a> WallReadings<'a> {
 
 /// Finds the walls in readings.
 ///
-/// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `4 ln n` per wall (`6 ln n` without scans), where a
-/// reading on no wall is spread evenly over the bounding box. Lines are then fitted as by [`super::fit()`].
-/// Cost: for
+/// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `4 ln n` per wall (`6 ln n`
+/// without scans), where a reading on no wall is spread evenly over the bounding box. Lines are then fitted
+/// as by [`super::fit()`]. Cost: for
 /// `n` readings in scans of `m`, `n m` for the runs and `n` times the number of walls for each round.
 ///
 /// # Errors

@@ -217,8 +217,8 @@ mod tests {
     #[test]
     fn beams_of_robotlaser_have_their_own_field() {
         // Type, start −45°, field 90°, step 45°, maximum, accuracy, mode; three ranges; one remission; poses.
-        let line = "ROBOTLASER1 0 -0.7853981633974483 1.5707963267948966 0.7853981633974483 81 0.01 0 3 1 2 1 \
-                    1 9 5 5 0 5 5 0 0 0 0 0 0 3.25 host 3.25\n";
+        let line = "ROBOTLASER1 0 -0.7853981633974483 1.5707963267948966 0.7853981633974483 81 0.01 0 3 1 2 \
+                    1 1 9 5 5 0 5 5 0 0 0 0 0 0 3.25 host 3.25\n";
         let read = read(line).expect("a scan");
         assert_eq!(read.sightings[1].point(), [7.0, 5.0]);
         assert_eq!(read.sightings[1].time_s, 3.25);

@@ -70,8 +70,8 @@ fn path(data: &WallReadings<'_>, mut left: Vec<usize>) -> Vec<usize> {
     order
 }
 
-/// The partition of ordered readings into lines and outliers with the least cost: `−2 ln L` and that of each line
-/// (optimal partitioning).
+/// The partition of ordered readings into lines and outliers with the least cost: `−2 ln L` and that of
+/// each line (optimal partitioning).
 fn partition(data: &WallReadings<'_>, order: &[usize]) -> Vec<Candidate> {
     let n = order.len();
     // Moments about a distant origin would lose the residuals to cancellation.

@@ -151,8 +151,8 @@ fn corners_are_covered() {
         let corners = wall_corners(&map.walls);
         for corner in truth {
             let away = |p: [f64; 2]| (p[0] - corner[0]).hypot(p[1] - corner[1]);
-            // A wall that is measured at a small angle has few readings near its end, so that its corner is not
-            // always seen.
+            // A wall that is measured at a small angle has few readings near its end, so that its corner is
+            // not always seen.
             let Some(found) = corners.iter().find(|one| away(one.position) < 0.2) else {
                 missing += 1;
                 continue;
