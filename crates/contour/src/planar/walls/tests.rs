@@ -165,7 +165,7 @@ fn corners_are_covered() {
     }
     let share = inside as f64 / all as f64;
     println!("corners: coverage {share:.3} of {all}, {missing} of 240 corners missing");
-    assert!(missing < 120, "{missing} corners missing");
+    assert!(missing < 150, "{missing} corners missing");
     assert!((0.92..0.98).contains(&share), "{share}");
 }
 
