@@ -53,8 +53,8 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
     let mut shapes = Vec::new();
     for choice in &args.kind {
         match choice {
-            // These two are switches of the job, set below.
-            KindChoice::Auto | KindChoice::Chain => {}
+            // These are switches of the job, set below.
+            KindChoice::Auto | KindChoice::Chain | KindChoice::Walls => {}
             KindChoice::Plane(kind) => kinds.push(kind.clone()),
             KindChoice::Space(shape) => shapes.push(*shape),
         }
@@ -66,10 +66,17 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
             "expected kinds of one sort for --kind, found shapes in space and contours in the plane",
         ));
     }
+    let walls = args.kind.contains(&KindChoice::Walls);
+    if walls && args.kind.len() > 1 {
+        return Err(Error::input(
+            "expected `walls` as the only --kind: the search for walls has no other kinds to compare",
+        ));
+    }
     Ok(ContourJob {
         input: args.readings.clone(),
         kinds: if all { Vec::new() } else { kinds },
         chains: !all && args.kind.contains(&KindChoice::Chain),
+        walls,
         shapes,
         fit: ContourFitOptions {
             method: match args.filter {

@@ -18,8 +18,10 @@
 //! | plausible | checks of corners, and of the location of a fit |
 //! | choose | choice among several kinds by BIC |
 //! | sides | lengths of sides and radii of arcs, with σ |
+//! | displaced | covariance by displacements that many readings share |
 //! | simulated | readings of known contours |
 //! | parts | separation of objects, and containment in outlines |
+//! | walls | straight walls of rooms, with gaps and corners |
 //!
 //! # References
 //! Weiss-Cohen, Bondarenko and Halevi 2009, section 2.
@@ -29,6 +31,7 @@ mod combined;
 #[cfg(test)]
 mod combined_tests;
 mod curve;
+mod displaced;
 mod ends;
 mod fit;
 mod joints;
@@ -44,9 +47,11 @@ mod sides;
 mod simulated;
 mod soft_constraint;
 mod start;
+mod walls;
 
 pub use choose::{Alternative, Choice, auto_kinds, choose};
 pub use curve::arc_circle;
+pub use displaced::Foot;
 pub(crate) use fit::GatedResiduals;
 pub use fit::{ContourFit, bound, fit};
 pub use kind::{ContourKind, Outline};
@@ -57,6 +62,7 @@ pub use sides::Side;
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub use start::circle as circle_of_points;
 pub use start::starts;
+pub use walls::{Wall, WallCorner, WallMap, find_walls, wall_corners};
 
 #[cfg(test)]
 mod tests;

@@ -16,7 +16,7 @@ mod rays;
 mod readings;
 mod svg;
 
-pub use carmen::CarmenOptions;
+pub use carmen::{CarmenOptions, DEFAULT_SIGMA_RANGE};
 pub use dxf::write_contours_dxf;
 pub use json::{ContourFile, read_contour_json};
 pub use rays::{RAY_COLUMNS, read_ray_readings};

@@ -8,6 +8,7 @@ mod constrained;
 mod lengths;
 mod levels;
 mod page;
+mod parts;
 mod picture;
 mod report;
 mod shape_page;
@@ -21,17 +22,16 @@ pub use constrained::{
 };
 pub use levels::{LevelRelation, Relation};
 use planish_core::{Finding, FindingCode, Setting};
-pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
+pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedCorner, ReportedValue};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use page::contour_page;
+use parts::{Part, Parts, parts_of};
 pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
-use planish_contour::planar::{
-    Choice, ContourReading, ContourTarget, auto_kinds, choose, separate, typical_gap,
-};
 pub use planish_contour::planar::{ContourFitOptions, ContourKind, Form, Method, PlanarMotion};
+use planish_contour::planar::{ContourReading, ContourTarget};
 pub use planish_contour::primitive::PrimitiveKind;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
@@ -58,6 +58,10 @@ pub struct ContourJob {
     pub kinds: Vec<ContourKind>,
     /// Whether closed and open chains of lines and arcs are tried besides the given kinds.
     pub chains: bool,
+    /// Whether the readings are searched for straight walls with gaps instead of contours.
+    ///
+    /// Without kinds, logs are searched for walls anyway, and so is any part that no contour explains.
+    pub walls: bool,
     /// Shapes in space to try, for readings in space; none for contours.
     pub shapes: Vec<PrimitiveKind>,
     /// How to fit.
@@ -86,6 +90,7 @@ impl Default for ContourJob {
             input: PathBuf::new(),
             kinds: Vec::new(),
             chains: false,
+            walls: false,
             shapes: Vec::new(),
             fit: ContourFitOptions::default(),
             sigma: SigmaDefaults::default(),
@@ -138,13 +143,6 @@ impl Job for ContourJob {
     }
 }
 
-/// A part of the readings, with the identified contour.
-struct Part {
-    level: Option<f64>,
-    members: Vec<usize>,
-    choice: Choice,
-}
-
 /// The kind of readings in the file.
 fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
     let is_range = |s: &ContourReading| matches!(s.target, ContourTarget::Range { .. });
@@ -160,7 +158,8 @@ fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
 fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     progress.check("reading", 0.0)?;
     let mut findings = Vec::new();
-    let read = if picture::is_picture(&job.input) {
+    let mut sampling = None;
+    let mut read = if picture::is_picture(&job.input) {
         if job.pixel.is_none() {
             findings.push(
                 Finding::new(
@@ -170,7 +169,9 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
                 .with_setting(Setting::PixelSize),
             );
         }
-        picture::edges_of(&job.input, job.pixel.unwrap_or(1.0))?
+        let edges = picture::edges_of(&job.input, job.pixel.unwrap_or(1.0))?;
+        sampling = Some(edges.sampling);
+        edges.readings
     } else {
         read_contour_readings(&job.input, &job.sigma, &job.carmen)?
     };
@@ -178,10 +179,15 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     unused::refuse_unused(job, readings_of(job, &read))?;
     // Logs are in metres by definition.
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
-    let parts =
-        parts_of(&read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
+    let Parts { mut parts, sigma_range } =
+        parts_of(&mut read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
+    if let Some(sampling) = &sampling {
+        parts.iter_mut().for_each(|part| sampling.add_to(part, &read.sightings));
+    }
     let seen: Vec<_> = parts.iter().map(|part| measured_ends(part, &read.sightings)).collect();
     let mut report = report::report(&read, &parts, &seen, unit, findings);
+    report.sigma_range = sigma_range;
+    report.samples_per_pixel = sampling.and_then(|sampling| sampling.samples());
     let mut drawn: Vec<DrawnContour> =
         parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
     // Constraints come after all contours, because they relate several of them.
@@ -199,6 +205,9 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
         graphs = Some(found.graphs);
     }
     report.findings.extend(report::judge(&report));
+    let walls: Vec<DrawnContour> =
+        (drawn.iter_mut().zip(&parts)).flat_map(|(wall, part)| spans(wall, part)).collect();
+    drawn.extend(walls);
     progress.check(WRITING_STAGE, 0.95)?;
     for output in &job.outputs {
         write(output, &report, &drawn, &parts, &read)?;
@@ -226,74 +235,6 @@ fn points_of(parts: &[Part], read: &ContourReadings) -> Vec<([f64; 2], bool)> {
         .collect()
 }
 
-fn parts_of(
-    read: &ContourReadings,
-    job: &ContourJob,
-    progress: &dyn Progress,
-    findings: &mut Vec<Finding>,
-) -> Result<Vec<Part>> {
-    let mut groups: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
-    for i in 0..read.sightings.len() {
-        let level = read.levels.as_ref().map(|levels| levels[i]);
-        // Levels are compared exactly: they are labels of the file. A list keeps their order of appearance,
-        // which a hash map would not.
-        match groups.iter_mut().find(|(l, _)| *l == level) {
-            Some((_, members)) => members.push(i),
-            None => groups.push((level, vec![i])),
-        }
-    }
-    let mut strays = 0;
-    let mut clusters: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
-    for (level, members) in groups {
-        let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
-        // Per level, because levels may be sampled at different distances.
-        let gap = job.gap.unwrap_or_else(|| typical_gap(&sightings));
-        for cluster in separate(&sightings, gap) {
-            // A level that consists of one small group is fitted: the user measured just these points.
-            if cluster.len() < MIN_READINGS && cluster.len() < sightings.len() {
-                strays += cluster.len();
-            } else {
-                clusters.push((level, cluster.into_iter().map(|k| members[k]).collect()));
-            }
-        }
-    }
-    if strays > 0 {
-        let lie = if strays == 1 { "reading lies" } else { "readings lie" };
-        let text = format!(
-            "{strays} {lie} apart from all others and not used: increase the gap if they belong together"
-        );
-        findings.push(Finding::new(FindingCode::ReadingsIsolated, text).with_setting(Setting::Gap));
-    }
-    let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
-        true => (auto_kinds(), true),
-        false => (job.kinds.clone(), job.chains),
-    };
-    let count = clusters.len();
-    let (mut parts, mut fitted) = (Vec::new(), 0);
-    for (k, (level, members)) in clusters.into_iter().enumerate() {
-        progress.check("fitting", 0.05 + 0.9 * k as f64 / count as f64)?;
-        progress.items(fitted, "readings");
-        fitted += members.len();
-        let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
-        match choose(&kinds, chains, &sightings, &job.fit) {
-            Ok(choice) => parts.push(Part { level, members, choice }),
-            // One part among several must not discard the others. A single part is the whole answer, so there
-            // it is an error.
-            Err(e) if count > 1 => findings.push(Finding::new(
-                FindingCode::PartNotFitted,
-                format!("no contour could be fitted to a part of {} readings: {e}", members.len()),
-            )),
-            Err(e) => return Err(e),
-        }
-    }
-    if parts.is_empty() {
-        return Err(Error::undetermined("no part of the readings determines a contour"));
-    }
-    // Stable sort: parts of equal size keep the order of the file.
-    parts.sort_by_key(|part| std::cmp::Reverse(part.members.len()));
-    Ok(parts)
-}
-
 /// Ends of the measured part of a line.
 fn measured_ends(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
     let fit = &part.choice.fit;
@@ -309,6 +250,22 @@ fn measured_ends(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2];
     // A line has no ends. A drawing needs them, so the outermost readings are used.
     let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
     Some([from, to].map(|t| [t * cos - theta[1] * sin, t * sin + theta[1] * cos]))
+}
+
+/// Draws the first span of a wall as its line, and returns the others.
+fn spans(wall: &mut DrawnContour, part: &Part) -> Vec<DrawnContour> {
+    let line = wall.theta.clone();
+    // The constrained line may differ from the fitted one, on which the spans end.
+    let onto = |p: [f64; 2]| {
+        let (sin, cos) = line[0].sin_cos();
+        let off = cos * p[1] - sin * p[0] - line[1];
+        [p[0] + off * sin, p[1] - off * cos]
+    };
+    let mut each = part.spans.iter().map(|span| DrawnContour { seen: Some(span.map(onto)), ..wall.clone() });
+    let Some(first) = each.next() else { return Vec::new() };
+    let others = each.collect();
+    *wall = first;
+    others
 }
 
 fn drawn(part: &Part, seen: Option<[[f64; 2]; 2]>) -> DrawnContour {

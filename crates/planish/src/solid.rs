@@ -14,6 +14,7 @@ mod relaxed;
 mod repaired;
 mod search;
 mod sheet;
+mod stacked;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
@@ -22,6 +23,7 @@ use planish_core::{Finding, FindingCode, Length, Setting};
 use planish_report::numbers::significant;
 pub use repaired::ReportedEdit;
 pub use sheet::{ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
+pub use stacked::{ReportedHeight, ReportedSection, ReportedStack, SectionContour};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::job::Job;
@@ -207,6 +209,9 @@ pub struct SolidReport {
     /// For contours: how they were matched, and the dimensions of the best solid with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
+    /// For contours of several levels: the sections and heights of the solid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stack: Option<ReportedStack>,
     /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
@@ -222,6 +227,9 @@ pub struct SolidReport {
 /// lists the lines that no solid explains.
 fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     progress.check("reading", 0.0)?;
+    if let Some(sections) = stacked::read(job)? {
+        return stacked::solve(job, &sections, progress);
+    }
     let mut findings = Vec::new();
     let noisy = match is_contours(job) {
         true => Some(noisy::read(job, &mut findings)?),
@@ -278,12 +286,14 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
     let tolerance = job.mesh_tolerance.map_or(DEFAULT_CHORD * drawing.size(), |length| length.in_unit(unit));
     // All files are made in memory before the first is written.
-    let prepared = writing::prepare(job, &accepted[..wanted], tolerance)?;
+    let best: Vec<&Solid> = accepted[..wanted].iter().map(|solution| &solution.solid).collect();
+    let prepared = writing::prepare(job, &best, tolerance)?;
     let (files, written) = writing::write(job, &prepared, unit)?;
     let mut report = SolidReport {
         solutions: ranked(&accepted, &files),
         sheet,
         geometry,
+        stack: None,
         complete: found.complete,
         edits,
         unexplained: found

@@ -30,18 +30,48 @@ pub struct EdgePoint {
     pub position: [f64; 2],
     /// σ across the edge, in pixels.
     pub sigma_px: f64,
+    /// σ of a displacement along `axis` that points of one side share if their subpixel positions agree.
+    ///
+    /// It is zero for an image whose pixels are averages over their area, as of a camera. An image drawn with
+    /// whole pixels, or with `n × n` samples per pixel, has `1/√12` or `1/(n √12)`.
+    pub sampling_px: f64,
+    /// The axis along which the edge was located: 0 for a column, 1 for a row.
+    pub axis: usize,
 }
 
 /// Minimum gradient of an edge, in σ of the gradient caused by noise. Lower values find fainter edges and
 /// more noise.
 const MIN_SIGMAS: f64 = 6.0;
-/// σ of an edge point without noise, in pixels, measured on discs of radius 12 and 25. It exists because a
-/// square pixel is not a Gaussian.
-const RASTER_PX: f64 = 0.02;
+/// σ of an edge point by the vertex of its gradient, without noise, in pixels. It depends on the position of
+/// the edge in its pixel: up to 0.042 pixels for a side along the rows (decision record 0172).
+const RASTER_PX: f64 = 0.03;
+/// σ of an edge point by its area, without noise, in pixels: what straight sides of 0° to 45° and discs of
+/// radius 12 leave with exact coverage of the pixels.
+const AREA_PX: f64 = 0.004;
+/// Rows beside an edge point over which its profile is averaged, in σ of the smoothing. More rows reduce the
+/// noise and widen the profile of an inclined edge.
+const PROFILE_ROWS: f64 = 2.0;
+/// Pixels at each end of a profile whose mean is the brightness beside the edge.
+const PLATEAU: usize = 3;
+/// Maximum difference of the brightness at one end of a profile, in σ of its noise. Another edge is too near
+/// if it is larger.
+const PLATEAU_SIGMAS: f64 = 5.0;
+/// Maximum number of samples per pixel and axis that is recognised. More leave an error below 0.06 pixels,
+/// and their grey levels are more and more those of any picture.
+const MAX_SAMPLES: usize = 4;
+/// Grey levels count as those of `n` samples if their variance about them is below this fraction of that of
+/// evenly spread levels. Four sides along the rows at independent places pass by chance in 2 of 100 pictures;
+/// σ is then too large. A single side passes more often: its levels do not tell.
+const SAMPLED_SHARE: f64 = 0.1;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
 const MIN_DISTANCE_SIGMAS: f64 = 3.0;
-/// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
-const MIN_RADIUS: f64 = 6.0;
+/// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners. Averaged over
+/// [`BEND_RADIUS`], a corner that turns by `φ` has the curvature `φ/6`: turns from 50° are corners.
+const MIN_RADIUS: f64 = 7.0;
+/// Radius, in σ of the smoothing, over which curvature is averaged to find corners. Over twice as much, a
+/// right angle had the curvature of a disc of radius 8, and points beside corners, 0.05 pixels off, were
+/// kept.
+const BEND_RADIUS: f64 = 3.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
 const AVERAGING_RADIUS: f64 = 6.0;
 
@@ -49,10 +79,18 @@ const AVERAGING_RADIUS: f64 = 6.0;
 ///
 /// A straight edge blurred by a Gaussian of variance `t²` has gradients `m exp(−d²/2t²)` across it, so that
 /// the logarithms of three neighbouring pixels, on the axis nearer to the gradient, lie on a parabola whose
-/// vertex is the edge. `t²` is the median over the parabolas. Blur moves an edge of curvature `κ` by `½ κ t²`
-/// towards its centre; this is corrected. With noise `σ_n` of a pixel, smoothing `s` and gradient `m`, the σ
-/// of a zero crossing of the second derivative is `σ = σ_n √(3/16π) t² / (s³ m)`; 0.02 pixels of other causes
-/// are added. The noise is estimated from the image (Immerkær) and is at least that of whole grey levels.
+/// vertex is near the edge. `t²` is the median over the parabolas.
+///
+/// The vertex depends on the position of the edge in its pixel: a pixel that the edge cuts is a mixture of
+/// both sides, whose gradient is skewed. The edge is therefore located by area: with the brightness `a` and
+/// `b` at both ends of a profile across the edge, `Σ (I − a)/(b − a)` is the part of the profile on the side
+/// of `b`, exactly for a straight edge and pixels that average over their area. Where another edge is too
+/// near for that, the vertex stays, with 0.03 pixels of σ for its dependence.
+///
+/// Blur moves an edge of curvature `κ` by `½ κ t²` towards its centre; this is corrected. With noise `σ_n` of
+/// a pixel, the σ of a zero crossing of the second derivative is `σ = σ_n √(3/16π) t² / (s³ m)` for smoothing
+/// `s` and gradient `m`; that of an area follows from its weights. The noise is estimated from the image
+/// (Immerkær) and is at least that of whole grey levels.
 ///
 /// Cost: one pass of a separable filter, and a local search per edge pixel.
 ///
@@ -73,7 +111,8 @@ const AVERAGING_RADIUS: f64 = 6.0;
 /// # References
 /// Canny 1986, *A computational approach to edge detection*; Devernay 1995, *A non-maxima suppression method
 /// for edge detection with sub-pixel accuracy*; Immerkær 1996, *Fast noise variance estimation*; Verbeek and
-/// van Vliet 1994, *On the location error of curved edges in low-pass filtered 2-D and 3-D images*.
+/// van Vliet 1994, *On the location error of curved edges in low-pass filtered 2-D and 3-D images*;
+/// Trujillo-Pino et al. 2013, *Accurate subpixel edge location based on partial area effect*.
 pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint>> {
     let s = options.smoothing_px;
     if !(s >= 0.5 && s.is_finite()) {
@@ -107,37 +146,164 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     // Curvature is a second derivative; averaging over the neighbourhood makes its noise small enough for the
     // correction.
     let grid = Buckets::new(&found, AVERAGING_RADIUS * s);
-    let curvature: Vec<f64> = found
-        .iter()
-        .map(|edge| {
-            let near: Vec<f64> =
-                grid.near(&found, edge.position, AVERAGING_RADIUS * s).map(|k| found[k].curvature).collect();
-            near.iter().sum::<f64>() / near.len() as f64
-        })
-        .collect();
-    let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * MIN_RADIUS * s > 1.0).collect();
+    let reach = AVERAGING_RADIUS * s;
+    let mean_curvature = |i: usize, within: f64, is_used: &dyn Fn(usize) -> bool| {
+        let near = grid.near(&found, found[i].position, within).filter(|&k| is_used(k));
+        let (sum, count) = near.fold((0.0, 0), |(sum, n), k| (sum + found[k].curvature, n + 1));
+        sum / f64::from(count.max(1))
+    };
+    let is_bend = |i: usize| mean_curvature(i, BEND_RADIUS * s, &|_| true).abs() * MIN_RADIUS * s > 1.0;
+    let bend: Vec<bool> = (0..found.len()).map(is_bend).collect();
+    // Blur moves points near a corner inwards.
+    let near_corner: Vec<bool> =
+        (found.iter()).map(|edge| grid.near(&found, edge.position, reach).any(|k| bend[k])).collect();
+    let profiles = Profiles { image, smoothing: s, spread, noise };
     let mut kept: Vec<EdgePoint> = Vec::new();
+    let mut shares = Vec::new();
     let mut is_kept = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
-        let near_corner = grid.near(&found, edge.position, AVERAGING_RADIUS * s).any(|k| corner[k]);
-        // Blur moves points near a corner inwards; points closer than the filter share its noise.
-        if near_corner || grid.near(&found, edge.position, MIN_DISTANCE_SIGMAS * s).any(|k| is_kept[k]) {
+        // Points closer than the filter share its noise.
+        if near_corner[i] || grid.near(&found, edge.position, MIN_DISTANCE_SIGMAS * s).any(|k| is_kept[k]) {
             continue;
         }
         is_kept[i] = true;
+        let (mut position, mut sigma_px, blur);
+        if let Some(area) = profiles.locate(edge) {
+            position = edge.position;
+            position[edge.axis] = area.along;
+            sigma_px = (area.sigma * edge.uphill[edge.axis].abs()).hypot(AREA_PX);
+            // The profile is the mean of rows along the edge, on both sides of it: only the blur of the image
+            // and the distance of those rows move it.
+            blur = area.spread / edge.uphill[edge.axis].powi(2);
+            shares.push(area.share);
+        } else {
+            position = edge.position;
+            sigma_px = (sigma_at_one / edge.magnitude).hypot(RASTER_PX);
+            blur = spread;
+        }
         // Away from the centre of curvature, which lies on the brighter side where κ is positive.
-        let back = 0.5 * curvature[i] * spread;
-        kept.push(EdgePoint {
-            position: [0, 1].map(|k| edge.position[k] - back * edge.uphill[k]),
-            sigma_px: (sigma_at_one / edge.magnitude).hypot(RASTER_PX),
-        });
+        // Points beside a corner have a curvature that is not that of the side: it moved sides outwards by
+        // 0.01.
+        let back = 0.5 * mean_curvature(i, reach, &|k| !near_corner[k]) * blur;
+        position = [0, 1].map(|k| position[k] - back * edge.uphill[k]);
+        sigma_px = sigma_px.max(f64::MIN_POSITIVE);
+        kept.push(EdgePoint { position, sigma_px, sampling_px: 0.0, axis: edge.axis });
+    }
+    let sampling_px = sampling(&shares);
+    for point in &mut kept {
+        // Within a side the displacement varies as well, wherever the side crosses rows of pixels.
+        point.sigma_px = point.sigma_px.hypot(sampling_px);
+        point.sampling_px = sampling_px;
     }
     Ok(kept)
+}
+
+/// σ of the displacement of edges by an image with few samples per pixel; zero if its pixels are averages.
+///
+/// `shares` are the parts of the pixel at each edge on the brighter side, with their variance by noise. With
+/// `n × n` samples, a straight side along the rows cuts pixels into multiples of `1/n` only.
+fn sampling(shares: &[(f64, f64)]) -> f64 {
+    let count = shares.len().max(1) as f64;
+    let by_noise = shares.iter().map(|share| share.1).sum::<f64>() / count;
+    for n in 1..=MAX_SAMPLES {
+        let n = n as f64;
+        let even = 1.0 / (12.0 * n * n);
+        // Noise as wide as the levels are apart would hide them.
+        if by_noise > 0.5 * even {
+            break;
+        }
+        let off = |share: &(f64, f64)| (share.0 - (n * share.0).round() / n).powi(2);
+        let variance = shares.iter().map(off).sum::<f64>() / count - by_noise;
+        if variance < SAMPLED_SHARE * even {
+            return even.sqrt();
+        }
+    }
+    0.0
+}
+
+/// An edge located by the area of its profile.
+struct Area {
+    /// Coordinate along the axis of the edge.
+    along: f64,
+    /// σ along the axis, by noise.
+    sigma: f64,
+    /// Variance by which curvature moves the result.
+    spread: f64,
+    /// Part of the middle pixel on the brighter side, from 0 to 1, and its variance by noise.
+    share: (f64, f64),
+}
+
+/// Profiles of an image across its edges.
+struct Profiles<'a> {
+    image: &'a Image,
+    smoothing: f64,
+    /// Variance of the smoothed edges across them.
+    spread: f64,
+    noise: f64,
+}
+
+impl Profiles<'_> {
+    /// Locates an edge; `None` if the brightness beside it is not even, or the image ends there.
+    fn locate(&self, edge: &Edge) -> Option<Area> {
+        let s = self.smoothing;
+        let rows = (PROFILE_ROWS * s).round().max(1.0) as i64;
+        let weights: Vec<f64> = (-rows..=rows).map(|j| (-0.5 * (j as f64 / s).powi(2)).exp()).collect();
+        let sum: f64 = weights.iter().sum();
+        let [along, across] =
+            [edge.position[edge.axis].round() as i64, edge.position[1 - edge.axis].round() as i64];
+        // The window holds the blur of the image, of variance `spread − s²`, and the inclined edge in all
+        // rows.
+        let blur = (self.spread - s * s).max(0.0);
+        let slope = (edge.uphill[1 - edge.axis] / edge.uphill[edge.axis]).abs();
+        let half = (1.0 + 2.5 * (blur - 1.0 / 6.0).max(0.0).sqrt() + rows as f64 * slope).ceil() as i64;
+        let reach = half + PLATEAU as i64;
+        let profile: Option<Vec<f64>> = (-reach..=reach)
+            .map(|k| {
+                let row = (-rows..=rows).zip(&weights);
+                row.map(|(j, w)| Some(w / sum * self.value(edge.axis, along + k, across + j)?)).sum()
+            })
+            .collect();
+        let profile = profile?;
+        let (low, rest) = profile.split_at(PLATEAU);
+        let (middle, high) = rest.split_at(rest.len() - PLATEAU);
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let (a, b) = (mean(low), mean(high));
+        let of_rows = self.noise * weights.iter().map(|w| (w / sum).powi(2)).sum::<f64>().sqrt();
+        let is_even = |values: &[f64]| {
+            let (least, most) =
+                values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), &v| (l.min(v), m.max(v)));
+            most - least < PLATEAU_SIGMAS * of_rows
+        };
+        if !is_even(low) || !is_even(high) || (b - a).abs() < PLATEAU_SIGMAS * of_rows {
+            return None;
+        }
+        let share: f64 = middle.iter().map(|value| (value - a) / (b - a)).sum();
+        let n = middle.len() as f64;
+        // An error of a plateau counts for the half of the profile on its side.
+        let variance = n + 2.0 * (0.5 * n).powi(2) / PLATEAU as f64;
+        let at_edge = (self.value(edge.axis, along, across)? - a) / (b - a);
+        Some(Area {
+            along: (along + half) as f64 + 0.5 - share,
+            sigma: of_rows * variance.sqrt() / (b - a).abs(),
+            spread: s * s + (blur - 1.0 / 6.0).max(0.0),
+            share: (at_edge, (self.noise / (b - a)).powi(2)),
+        })
+    }
+
+    /// Brightness at a place along an axis and across it.
+    fn value(&self, axis: usize, along: i64, across: i64) -> Option<f64> {
+        let (column, row) = if axis == 0 { (along, across) } else { (across, along) };
+        let (column, row) = (usize::try_from(column).ok()?, usize::try_from(row).ok()?);
+        (column < self.image.columns && row < self.image.rows)
+            .then(|| f64::from(self.image.values[row * self.image.columns + column]))
+    }
 }
 
 /// A subpixel position of maximum gradient.
 struct Edge {
     position: [f64; 2],
+    /// The axis nearer to the gradient: 0 along a row, 1 along a column.
+    axis: usize,
     /// The direction in which brightness grows.
     uphill: [f64; 2],
     magnitude: f64,
@@ -226,6 +392,7 @@ impl Gradients {
                 let (xx, xy, yy) = (slope(0, 1), slope(0, self.columns), slope(1, self.columns));
                 found.push(Edge {
                     position,
+                    axis,
                     uphill,
                     magnitude: m,
                     spread: -uphill[axis].powi(2) / bend,
@@ -327,6 +494,49 @@ mod tests {
         // Blur alone would move them inwards by 0.02.
         assert!(count > 200.0 && (bias / count).abs() < 0.01, "{} of {count}", bias / count);
         assert!((0.6..1.6).contains(&(squares / count)), "{}", squares / count);
+    }
+
+    /// A bright half-plane right of `x = at + slope (y − 40)`; each pixel has `n × n` samples.
+    fn half_plane(at: f64, slope: f64, n: i32, noise: f64, seed: u64) -> Image {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let values = (0..80 * 80).map(|k| {
+            let (x, y) = (f64::from(k % 80), f64::from(k / 80));
+            let step = |s: i32| (f64::from(s) + 0.5) / f64::from(n) - 0.5;
+            let inside = (0..n * n).filter(|s| x + step(s % n) > at + slope * (y + step(s / n) - 40.0));
+            let clean = 40.0 + 160.0 * inside.count() as f64 / f64::from(n * n);
+            (clean + noise * random.sample::<f64, _>(StandardNormal)).round() as f32
+        });
+        Image::try_new(80, 80, values.collect()).expect("an image")
+    }
+
+    #[test]
+    fn a_side_has_no_shared_error_at_any_place_in_its_pixel() {
+        // By the vertex of the gradient, the mean was off by up to 0.042 pixels along the rows.
+        for slope in [0.0, 0.02, 0.3, 0.9] {
+            for phase in [0.1, 0.3, 0.5, 0.8] {
+                let image = half_plane(40.0 + phase, slope, 40, 0.0, 1);
+                let points = edge_points(&image, &EdgeOptions::default()).expect("edges");
+                let across = |p: &EdgePoint| {
+                    (p.position[0] - 40.0 - phase - slope * (p.position[1] - 40.0)) / slope.hypot(1.0)
+                };
+                let mean = points.iter().map(across).sum::<f64>() / points.len() as f64;
+                assert!(mean.abs() < 0.004, "slope {slope}, phase {phase}: {mean}");
+                // A side along the rows cuts all pixels alike, which may look like few samples.
+                assert!(slope < 0.1 || points.iter().all(|p| p.sampling_px == 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn few_samples_per_pixel_are_recognised() {
+        for (n, noise) in [(1, 0.0), (1, 4.0), (2, 4.0), (4, 2.0)] {
+            let image = half_plane(40.23, 0.0, n, noise, 3);
+            let points = edge_points(&image, &EdgeOptions::default()).expect("edges");
+            let expected = 1.0 / (f64::from(n) * 12f64.sqrt());
+            // A single side may lie at a multiple of a smaller number of samples by chance, never of a
+            // larger.
+            assert!(points[0].sampling_px >= expected - 1e-12, "{n}: {}", points[0].sampling_px);
+        }
     }
 
     #[test]

@@ -62,6 +62,7 @@
 //! |---|---|
 //! | [`views`] | all solids that match two or three orthographic views, best first |
 //! | [`noisy_views`] | measured views with covariance, matched by χ² tests and joined into one geometry |
+//! | [`stack`] | solid from sections at several heights, with steps, pockets and holes |
 //! | [`drawing`] | data model of a drawing: curves with line styles in up to three views |
 //! | [`sheet`] | finds the views of a sheet among frame, title block, dimensions and notes |
 //! | [`brep`] | B-rep on planes, cylinders, cones, spheres and tori: checks, volume, area, centroid |
@@ -81,5 +82,6 @@ pub mod parametric;
 pub mod repair;
 pub mod reprojection;
 pub mod sheet;
+pub mod stack;
 pub mod tessellation;
 pub mod views;

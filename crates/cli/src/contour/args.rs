@@ -44,8 +44,8 @@ pub struct ContourArgs {
     /// Kind of the contour; repeatable: the best of the given kinds is chosen
     ///
     /// Kinds are auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs,
-    /// closed or open), regular-polygon-N and polygon-N with N corners; in space plane3, sphere, cylinder and
-    /// box.
+    /// closed or open), walls (straight walls with gaps, as of a room), regular-polygon-N and polygon-N
+    /// with N corners; in space plane3, sphere, cylinder and box.
     // A custom parser instead of a value enum, because some kinds contain a number of corners.
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind,
           help_heading = "Estimation")]

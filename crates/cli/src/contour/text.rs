@@ -9,11 +9,23 @@ use std::path::PathBuf;
 /// The summary of the contours.
 pub fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
     let mut lines = Lines::default();
-    for (i, part) in report.contours.iter().enumerate() {
-        if i > 0 {
+    let walls: Vec<usize> =
+        (0..report.contours.len()).filter(|&i| !report.contours[i].spans.is_empty()).collect();
+    if !walls.is_empty() {
+        walls_text(&mut lines, report, &walls);
+    }
+    for (i, part) in report.contours.iter().enumerate().filter(|(_, part)| part.spans.is_empty()) {
+        if i > 0 || !walls.is_empty() {
             lines.gap();
         }
         part_text(&mut lines, part, i, report);
+    }
+    if let Some(samples) = report.samples_per_pixel {
+        lines.gap();
+        lines.line(format!(
+            "The picture has {samples} × {samples} samples per pixel: σ includes the displacement of sides \
+             along its rows and columns."
+        ));
     }
     if let Some(levels) = &report.levels {
         lines.gap();
@@ -41,6 +53,49 @@ pub fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
         lines.line(format!("Wrote {}.", names.join(", ")));
     }
     lines.into_text()
+}
+
+/// All walls in one table, as a room has many.
+fn walls_text(lines: &mut Lines, report: &ContourReport, walls: &[usize]) {
+    let sum = |of: fn(&PartReport) -> usize| walls.iter().map(|&i| of(&report.contours[i])).sum::<usize>();
+    lines.line(format!(
+        "{} {}, from {} readings ({} rejected by the gate), with {} {}.",
+        walls.len(),
+        if walls.len() == 1 { "wall" } else { "walls" },
+        count(sum(|part| part.readings)),
+        count(sum(|part| part.rejected)),
+        report.corners.len(),
+        if report.corners.len() == 1 { "corner" } else { "corners" },
+    ));
+    if let Some(sigma) = report.sigma_range {
+        lines.line(format!("σ of a range from the residuals of the walls: {}.", significant(sigma, 2)));
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = (walls.iter())
+        .map(|&i| {
+            let part = &report.contours[i];
+            let end = |end: Option<[f64; 2]>| {
+                end.map_or_else(String::new, |[x, y]| format!("{}, {}", significant(x, 5), significant(y, 5)))
+            };
+            vec![
+                (i + 1).to_string(),
+                end(part.spans.first().map(|span| span[0])),
+                end(part.spans.last().map(|span| span[1])),
+                part.spans.len().to_string(),
+                count(part.readings),
+                part.sigma_across.map_or_else(String::new, |sigma| significant(sigma, 2)),
+            ]
+        })
+        .collect();
+    let columns = [
+        ("wall", Align::Right),
+        ("from", Align::Left),
+        ("to", Align::Left),
+        ("spans", Align::Right),
+        ("readings", Align::Right),
+        ("σ across", Align::Right),
+    ];
+    lines.table(&columns, &rows);
 }
 
 fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &ContourReport) {

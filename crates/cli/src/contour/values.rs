@@ -15,6 +15,8 @@ pub enum KindChoice {
     Plane(ContourKind),
     /// A chain of lines and arcs, closed or open.
     Chain,
+    /// Straight walls with gaps.
+    Walls,
     /// One kind of shape in space.
     Space(PrimitiveKind),
 }
@@ -27,6 +29,9 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "chain" {
         return Ok(KindChoice::Chain);
     }
+    if text == "walls" {
+        return Ok(KindChoice::Walls);
+    }
     // The names come from the library, so that a new kind is accepted here without a change.
     if let Some(shape) = PrimitiveKind::ALL.into_iter().find(|shape| shape.to_string() == text) {
         return Ok(KindChoice::Space(shape));
@@ -34,7 +39,7 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     ContourKind::from_name(text, MAX_CORNERS).map(KindChoice::Plane).ok_or_else(|| {
         format!(
             "expected auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, \
-             regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, \
+             walls, regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, \
              sphere, cylinder, box"
         )
     })

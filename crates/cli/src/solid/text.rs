@@ -2,7 +2,10 @@
 
 use crate::lines::{Align, Lines};
 use crate::numbers::{count, counted, significant};
-use planish::solid::{DimensionKind, FaceCounts, NoisyGeometry, ReportedEdit, SolidReport, UnexplainedLine};
+use planish::solid::{
+    DimensionKind, FaceCounts, NoisyGeometry, ReportedEdit, ReportedHeight, ReportedStack, SolidReport,
+    UnexplainedLine,
+};
 
 /// Number of unexplained lines that are listed; the JSON object has all.
 const LINES_SHOWN: usize = 20;
@@ -69,6 +72,9 @@ pub fn text(report: &SolidReport) -> String {
         lines.gap();
         geometry_text(&mut lines, geometry);
     }
+    if let Some(stack) = &report.stack {
+        stack_text(&mut lines, stack);
+    }
     lines.into_text()
 }
 
@@ -86,6 +92,44 @@ fn edits(lines: &mut Lines, report: &SolidReport, title: &str) {
     let columns = [("view", Align::Left), ("entity", Align::Left), ("edit", Align::Left)];
     lines.table(&columns, &report.edits.iter().map(cells).collect::<Vec<_>>());
     lines.gap();
+}
+
+/// The sections of a solid, with sizes ± σ.
+fn stack_text(lines: &mut Lines, stack: &ReportedStack) {
+    let height = |height: &ReportedHeight| {
+        let value = format!("{} ± {}", significant(height.value, 6), significant(height.sigma, 2));
+        match height.between {
+            Some([from, to]) => format!("{value} (not measured: between {from} and {to})"),
+            None => value,
+        }
+    };
+    lines.gap();
+    lines.line(format!(
+        "{} relations of the sections hold (χ² {} with {} degrees of freedom).",
+        count(stack.relations),
+        significant(stack.chi_square, 3),
+        stack.degrees
+    ));
+    for section in &stack.sections {
+        lines.gap();
+        let levels = counted(section.levels.len(), "level");
+        lines.line(format!(
+            "Section from {levels}, height {} to {}:",
+            height(&section.bottom),
+            height(&section.top)
+        ));
+        let rows: Vec<Vec<String>> = (section.contours.iter())
+            .flat_map(|contour| {
+                contour.sizes.iter().map(|(name, size)| {
+                    let sigma = significant(size.sigma, 2);
+                    vec![contour.kind.clone(), name.clone(), significant(size.value, 6), sigma]
+                })
+            })
+            .collect();
+        let columns =
+            [("contour", Align::Left), ("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)];
+        lines.table(&columns, &rows);
+    }
 }
 
 /// The lines that no solid, or not the nearest one, explains.

@@ -17,6 +17,7 @@ use sampled::Curve;
 pub(crate) use segments::MAX_PIECES;
 use segments::{chains, polygon};
 use sequence::Sequence;
+pub(super) use sequence::Sums;
 
 /// Initial parameters of a kind, most promising first; empty if the readings suggest none.
 ///

@@ -1,6 +1,6 @@
 //! Reads readings of contours from CSV files, and detects the format.
 
-use super::carmen::{CarmenOptions, read_carmen};
+use super::carmen::{CarmenOptions, is_log_line, read_carmen};
 use crate::source::{Source, parse_number, read_file, shown};
 use planish_contour::planar::{ContourReading, ContourTarget};
 use planish_core::Setting;
@@ -89,8 +89,11 @@ pub fn read_contour_readings(
             };
             // Some spreadsheet programs begin CSV files in UTF-8 with a byte order mark.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
-            // CARMEN logs begin with comments, parameters or scans.
-            if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {
+            // Logs and tables may begin with comments.
+            if line.starts_with(b"#") {
+                continue;
+            }
+            if is_log_line(line) {
                 let first = line.to_vec();
                 return read_carmen(&mut source, &first, defaults, carmen);
             }

@@ -1,10 +1,10 @@
 //! Report of contours: the keys of `contour.json`.
 
-use super::Part;
 use super::constrained::ConstrainedReport;
 use super::levels::{LevelRelation, relation};
+use super::parts::{CONSISTENT, MAX_SKIPPED_SHARE, Part};
 use nalgebra::DMatrix;
-use planish_contour::planar::{ContourFit, ContourKind, contains};
+use planish_contour::planar::{ContourFit, ContourKind, Wall, contains, wall_corners};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
@@ -69,6 +69,26 @@ pub struct PartReport {
     /// For a line: the ends of the measured part.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ends: Option<[[f64; 2]; 2]>,
+    /// For a wall: the ends of each measured span, in order along the wall.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub spans: Vec<[[f64; 2]; 2]>,
+    /// For a wall: σ of its position across it, in the middle of its readings. σ of the offset is that of
+    /// the nearest point to the origin, which may be far away.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_across: Option<f64>,
+}
+
+/// A corner of two walls.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReportedCorner {
+    /// Indices of both walls in `contours`.
+    pub contours: [usize; 2],
+    /// Its coordinates.
+    pub x: ReportedValue,
+    /// Its coordinates.
+    pub y: ReportedValue,
+    /// Covariance of the coordinates, without the correlation of the two walls.
+    pub covariance: [[f64; 2]; 2],
 }
 
 /// All contours of a file. The keys of the largest contour are at the top level.
@@ -81,6 +101,16 @@ pub struct ContourReport {
     pub contours: Vec<PartReport>,
     /// The solid formed by the levels, if there are several.
     pub levels: Option<LevelRelation>,
+    /// Points where walls meet.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub corners: Vec<ReportedCorner>,
+    /// σ of ranges estimated from the residuals of walls, for a log if none was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma_range: Option<f64>,
+    /// Number of samples per pixel and axis of a picture, if so few that they displace its edges. σ includes
+    /// that displacement.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples_per_pixel: Option<usize>,
     /// Constraints between the contours, and the constrained contours, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub constrained: Option<ConstrainedReport>,
@@ -148,6 +178,9 @@ pub(super) fn report(
         // Parts are sorted by size, and there is at least one.
         main: contours[0].clone(),
         levels: relation(parts),
+        corners: corners(parts),
+        sigma_range: None,
+        samples_per_pixel: None,
         constrained: None,
         contours,
         unit,
@@ -155,10 +188,6 @@ pub(super) fn report(
         findings,
     }
 }
-
-/// Maximum share of a contour's readings beyond the gate without a finding. A few percent are gross errors;
-/// more are systematic, as with a wrong kind.
-const MAX_SKIPPED_SHARE: f64 = 0.15;
 
 /// Findings about the contour at a place of the report.
 pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
@@ -172,8 +201,7 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
             format!("{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"),
         ));
     }
-    // About 0.63 to 1.6 in σ. Stated σ are rarely more exact.
-    if !(0.4..2.5).contains(&part.reduced_chi_square) {
+    if !CONSISTENT.contains(&part.reduced_chi_square) {
         findings.push(Finding::new(
             FindingCode::ResidualsInconsistent,
             format!(
@@ -248,7 +276,43 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
             _ => None,
         },
         ends: seen[index],
+        spans: part.spans.clone(),
+        sigma_across: sigma_across(part),
     }
+}
+
+/// σ of a wall across it, in the middle between the ends of its spans.
+fn sigma_across(part: &Part) -> Option<f64> {
+    let ([a, _], [_, b]) = (part.spans.first()?, part.spans.last()?);
+    let fit = &part.choice.fit;
+    let (sin, cos) = fit.state[0].sin_cos();
+    let along = 0.5 * (cos * (a[0] + b[0]) + sin * (a[1] + b[1]));
+    // The offset at `along` is that at the foot of the origin plus `along` times the change of direction.
+    let c = &fit.covariance;
+    Some((c[(1, 1)] + 2.0 * along * c[(0, 1)] + along * along * c[(0, 0)]).max(0.0).sqrt())
+}
+
+/// The corners of walls of one level.
+fn corners(parts: &[Part]) -> Vec<ReportedCorner> {
+    let is_wall = |i: &usize| !parts[*i].spans.is_empty();
+    let indices: Vec<usize> = (0..parts.len()).filter(is_wall).collect();
+    let walls: Vec<Wall> = (indices.iter())
+        .map(|&i| {
+            let Part { members, choice, spans, end_spacings, .. } = &parts[i];
+            let (members, spans) = (members.clone(), spans.clone());
+            Wall { fit: choice.fit.clone(), members, spans, end_spacings: *end_spacings }
+        })
+        .collect();
+    let reported = wall_corners(&walls).into_iter().map(|corner| {
+        let [xx, xy, yy] = corner.covariance;
+        ReportedCorner {
+            contours: corner.walls.map(|k| indices[k]),
+            x: ReportedValue { value: corner.position[0], sigma: xx.sqrt() },
+            y: ReportedValue { value: corner.position[1], sigma: yy.sqrt() },
+            covariance: [[xx, xy], [xy, yy]],
+        }
+    });
+    reported.filter(|corner| parts[corner.contours[0]].level == parts[corner.contours[1]].level).collect()
 }
 
 /// The smallest part of the same level that contains all vertices of this one.

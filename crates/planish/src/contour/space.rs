@@ -62,6 +62,8 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
         hole_of: None,
         closed: None,
         ends: None,
+        spans: Vec::new(),
+        sigma_across: None,
     };
     let mut report = ContourReport {
         findings: part_findings(&part, 0),
@@ -70,6 +72,9 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
         contours: vec![part],
         constrained: None,
         levels: None,
+        corners: Vec::new(),
+        sigma_range: None,
+        samples_per_pixel: None,
         unit: job.unit,
         // Readings in space are not separated into groups, so none is a stray.
         ignored: 0,

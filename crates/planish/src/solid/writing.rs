@@ -9,7 +9,6 @@ use planish_exchange::{Unit, extension};
 use planish_mesh::TriangleMesh;
 use planish_solid::brep::Solid;
 use planish_solid::tessellation::{MAX_TRIANGLES, min_tolerance, tessellate, triangles_needed};
-use planish_solid::views::Solution;
 use std::path::{Path, PathBuf};
 
 /// Stated uncertainty of STEP files, in millimetres: vertices, edges and faces meet within it.
@@ -27,14 +26,9 @@ pub(super) fn is_solid_file(path: &Path) -> bool {
 }
 
 /// Prepares all outputs. Nothing is written if one of them fails.
-pub(super) fn prepare<'a>(
-    job: &SolidJob,
-    solutions: &[&'a Solution],
-    tolerance: f64,
-) -> Result<Vec<Prepared<'a>>> {
+pub(super) fn prepare<'a>(job: &SolidJob, solids: &[&'a Solid], tolerance: f64) -> Result<Vec<Prepared<'a>>> {
     let is_meshed = job.outputs.iter().any(|output| is_mesh_file(output));
-    let one = |(index, solution): (usize, &&'a Solution)| {
-        let solid = &solution.solid;
+    let one = |(index, &solid): (usize, &&'a Solid)| {
         let mesh = match is_meshed {
             // Estimated before meshing, because the mesh itself could exhaust the memory.
             true if triangles_needed(solid, tolerance) > MAX_TRIANGLES => {
@@ -49,7 +43,7 @@ pub(super) fn prepare<'a>(
         }
         Ok(Prepared { solid, mesh })
     };
-    solutions.iter().enumerate().map(one).collect()
+    solids.iter().enumerate().map(one).collect()
 }
 
 /// Error for a tolerance that needs too many triangles. States one that works.

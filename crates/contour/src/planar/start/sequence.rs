@@ -19,10 +19,10 @@ const GRID: usize = 6;
 ///
 /// Moments about a distant origin would lose the residuals to cancellation.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Sums([f64; 13]);
+pub(in super::super) struct Sums([f64; 13]);
 
 impl Sums {
-    fn add(&mut self, p: [f64; 2], covariance: [f64; 3]) {
+    pub(in super::super) fn add(&mut self, p: [f64; 2], covariance: [f64; 3]) {
         let [x, y] = p;
         let z = x * x + y * y;
         let [xx, xy, yy] = covariance;
@@ -32,7 +32,7 @@ impl Sums {
         }
     }
 
-    fn minus(&self, other: &Self) -> Self {
+    pub(in super::super) fn minus(&self, other: &Self) -> Self {
         let mut rest = *self;
         for (sum, value) in rest.0.iter_mut().zip(other.0) {
             *sum -= value;
@@ -59,7 +59,7 @@ impl Sums {
 
     /// Line of total least squares as `(normal, offset)`, and its sum of squared residuals divided by their
     /// variance.
-    pub(super) fn line(&self) -> ([f64; 2], f64, f64) {
+    pub(in super::super) fn line(&self) -> ([f64; 2], f64, f64) {
         let m = self.count();
         let c = [self.0[1] / m, self.0[2] / m];
         let (xx, xy, yy) =

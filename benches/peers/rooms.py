@@ -1,0 +1,142 @@
+#!/usr/bin/env python3
+"""Walls in scans of real logs (CARMEN): readings on walls, and walls of repeated scans compared.
+
+For each log: the share of readings that `planish contour` uses in scans spread over the log, and, for pairs of
+successive scans, the share of walls whose two positions differ by less than 1.96 σ of their difference. The robot
+moves between scans, and its pose has errors: one displacement and rotation of each pair is estimated from its walls,
+and differences are divided by the σ that this leaves.
+
+    rooms.py PLANISH SCANS LOG.gz ...
+"""
+
+import gzip
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+
+PROGRAM = sys.argv[1]
+
+
+def scans(path):
+    """Poses and times of the scans of a log."""
+    found = []
+    opener = gzip.open if path.endswith(".gz") else open
+    with opener(path, "rt", errors="replace") as lines:
+        for line in lines:
+            if line.startswith("FLASER "):
+                words = line.split()
+                n = int(words[1])
+                found.append(tuple(float(w) for w in words[2 + n:5 + n]))
+    return found
+
+
+def contours(path, scan):
+    """The JSON object of one scan."""
+    done = subprocess.run([PROGRAM, "contour", path, "--scan", str(scan), "--json", "--threads", "1"],
+                          capture_output=True, text=True, timeout=300, check=False)
+    return json.loads(done.stdout) if done.returncode == 0 else None
+
+
+def used(report):
+    """Readings that a contour uses, walls alone, and the number of all."""
+    walls = sum(c["readings"] - c["rejected"] for c in report["contours"] if c.get("spans"))
+    every = sum(c["readings"] - c["rejected"] for c in report["contours"])
+    return walls, every
+
+
+def total(path, scan):
+    """Number of readings of a scan within the default range."""
+    opener = gzip.open if path.endswith(".gz") else open
+    index = -1
+    with opener(path, "rt", errors="replace") as lines:
+        for line in lines:
+            if line.startswith("FLASER "):
+                index += 1
+                if index == scan:
+                    words = line.split()
+                    return sum(0.05 <= float(w) <= 20 for w in words[2:2 + int(words[1])])
+    return 0
+
+
+def offsets(report):
+    """Walls as (direction, sigma across at the middle, middle, length)."""
+    found = []
+    for c in report["contours"]:
+        if not c.get("spans"):
+            continue
+        (a, _), (_, b) = c["spans"][0], c["spans"][-1]
+        angle = math.radians(c["parameters"]["angle_deg"]["value"])
+        found.append((angle, c["covariance"], c["parameters"]["offset"]["value"], a, b, c["readings"]))
+    return found
+
+
+def compared(first, second):
+    """Normalised differences of the walls of two scans, at the middle of the part that both measured."""
+    rows, differences, variances = [], [], []
+    for angle, cov, offset, a, b, _ in first:
+        best = None
+        for other in second:
+            turn = (other[0] - angle + math.pi / 2) % math.pi - math.pi / 2
+            along = [math.cos(angle) * p[0] + math.sin(angle) * p[1] for p in (a, b, other[3], other[4])]
+            low, high = max(min(along[:2]), min(along[2:])), min(max(along[:2]), max(along[2:]))
+            if abs(turn) > 0.1 or high - low < 0.5 * abs(along[1] - along[0]):
+                continue
+            t = 0.5 * (low + high)
+            point = (t * math.cos(angle) - offset * math.sin(angle), t * math.sin(angle) + offset * math.cos(angle))
+            away = math.cos(other[0]) * point[1] - math.sin(other[0]) * point[0] - other[2]
+            if best is None or abs(away) < abs(best[0]):
+                s = math.cos(other[0]) * point[0] + math.sin(other[0]) * point[1]
+                best = (away, t, s, other)
+        if best is None or abs(best[0]) > 0.1:
+            continue
+        away, t, s, other = best
+        d = math.pi / 180
+        own = cov[1][1] + 2 * t * d * cov[0][1] + t * t * d * d * cov[0][0]
+        its = other[1][1][1] + 2 * s * d * other[1][0][1] + s * s * d * d * other[1][0][0]
+        normal = (-math.sin(other[0]), math.cos(other[0]))
+        rows.append((normal[0], normal[1], normal[1] * point[0] - normal[0] * point[1]))
+        differences.append(away)
+        variances.append(own + its)
+    if len(rows) < 6:
+        return []
+    # Weighted least squares for the displacement; the leverage of a wall reduces the variance of its residual.
+    sigma = np.sqrt(variances)
+    design = np.array(rows) / sigma[:, None]
+    wanted = np.array(differences) / sigma
+    q, _ = np.linalg.qr(design)
+    residuals = wanted - q @ (q.T @ wanted)
+    left = 1 - (q * q).sum(axis=1)
+    return [float(r / math.sqrt(v)) for r, v in zip(residuals, left) if v > 0.1]
+
+
+def main():
+    count = int(sys.argv[2])
+    for path in sys.argv[3:]:
+        poses = scans(path)
+        picked = [int((k + 0.5) * len(poses) / count) for k in range(count)]
+        walls = every = readings = 0
+        sigmas = []
+        for scan in picked:
+            report = contours(path, scan)
+            readings += total(path, scan)
+            if report:
+                own = used(report)
+                walls, every = walls + own[0], every + own[1]
+                sigmas.append(report.get("sigma_range") or math.nan)
+        z = []
+        for k in picked:
+            both = contours(path, k), contours(path, min(k + 1, len(poses) - 1))
+            if all(both):
+                z += compared(offsets(both[0]), offsets(both[1]))
+        inside = sum(abs(v) < 1.96 for v in z) / len(z) if z else math.nan
+        sigmas.sort()
+        print(f"{path.split('/')[-1]:28} scans {count} on walls {walls / readings:.3f} on any contour {every / readings:.3f} "
+              f"median sigma {sigmas[len(sigmas) // 2] if sigmas else math.nan:.4f} "
+              f"walls compared {len(z)} within 1.96 sigma {inside:.3f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
