@@ -4,7 +4,8 @@ use crate::dxf::{DxfDrawing, read_dxf};
 use crate::pdf::read_pdf;
 use crate::source::extension;
 use crate::svg::read_svg;
-use planish_estimate::{Error, Result};
+use crate::trace::read_traced;
+use planish_estimate::Result;
 use std::path::Path;
 
 /// Reads a drawing: SVG and PDF by their extensions, all others as DXF.
@@ -16,11 +17,7 @@ pub fn read_drawing(path: &Path) -> Result<DxfDrawing> {
     match extension(path).as_str() {
         "svg" => read_svg(path),
         "pdf" => read_pdf(path),
-        "png" | "jpg" | "jpeg" | "tif" | "tiff" => Err(Error::unsupported(format!(
-            "{}: expected a drawing with lines (.dxf, .svg, .pdf), found a picture: trace it, or export the \
-             drawing from the program that made it",
-            path.display()
-        ))),
+        "png" | "jpg" | "jpeg" | "tif" | "tiff" => read_traced(path),
         _ => read_dxf(path),
     }
 }

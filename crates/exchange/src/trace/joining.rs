@@ -1,0 +1,209 @@
+//! Joins pieces of one line or circle: at junctions, and over the gaps between dashes.
+
+use super::moments::{Fit, Moments, Shape};
+use super::pieces::{LineScale, Piece, PieceGraph};
+use planish_solid::views::distance;
+
+/// Increase of Σ r²/σ² up to which two pieces are one.
+const SAME_CURVE: f64 = 30.0;
+/// Maximum distance of a point from the joint curve, in σ.
+const MAX_OFF: f64 = 4.0;
+/// Maximum cosine between the directions in which two pieces leave a junction, if one continues the other.
+const OPPOSITE: f64 = -0.8;
+/// Maximum gap between dashes, in widths of the line and in pixels.
+const MAX_GAP: [f64; 2] = [9.0, 14.0];
+/// Maximum ratio of gaps of a line, and pixels by which they may differ in addition.
+const GAP_RATIO: f64 = 1.5;
+const GAP_SLACK: f64 = 2.0;
+
+/// Maximum gap between dashes, in pixels.
+pub(super) fn max_gap(scale: LineScale) -> f64 {
+    (MAX_GAP[0] * scale.width).max(MAX_GAP[1])
+}
+
+impl PieceGraph {
+    /// Joins pieces that continue each other at junctions.
+    pub(super) fn join_at_nodes(&mut self, scale: LineScale) {
+        for node in 0..self.nodes.len() {
+            loop {
+                let ends = self.ends_at(node);
+                let mut best: Option<(f64, [(usize, usize); 2], Fit)> = None;
+                for (k, a) in ends.iter().enumerate() {
+                    for b in &ends[k + 1..] {
+                        if let Some((cost, fit)) = self.continues(*a, *b, scale)
+                            && best.as_ref().is_none_or(|best| cost < best.0)
+                        {
+                            best = Some((cost, [*a, *b], fit));
+                        }
+                    }
+                }
+                let Some((_, [a, b], fit)) = best else { break };
+                self.join(a, b, fit, None);
+            }
+        }
+    }
+
+    /// Ends of pieces at a node: a piece, and 0 or 1.
+    fn ends_at(&self, node: usize) -> Vec<(usize, usize)> {
+        let ends = |k: usize| {
+            let piece = &self.pieces[k];
+            (0..2).filter(move |e| !piece.is_closed && piece.nodes[*e] == Some(node)).map(move |e| (k, e))
+        };
+        self.members[node].iter().copied().filter(|k| !self.pieces[*k].is_dropped).flat_map(ends).collect()
+    }
+
+    /// The joint curve of two pieces of which one continues the other, and how much worse it fits.
+    fn continues(&self, a: (usize, usize), b: (usize, usize), scale: LineScale) -> Option<(f64, Fit)> {
+        let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
+        if a.0 == b.0 {
+            // Both ends of a circle.
+            let is_circle = matches!(first.shape, Shape::Circle(..));
+            return is_circle.then_some((0.0, Fit { shape: first.shape, squares: first.squares }));
+        }
+        let (u, v) = (first.outwards(a.1), second.outwards(b.1));
+        if u[0] * v[0] + u[1] * v[1] > OPPOSITE {
+            return None;
+        }
+        joint(first, second, false, scale)
+    }
+
+    /// Joins two ends; `gap` is the distance between two dashes.
+    fn join(&mut self, a: (usize, usize), b: (usize, usize), fit: Fit, gap: Option<f64>) {
+        if a.0 == b.0 {
+            self.pieces[a.0].is_closed = true;
+            self.pieces[a.0].gaps.extend(gap);
+            return;
+        }
+        let second = self.pieces[b.0].clone();
+        self.pieces[b.0].is_dropped = true;
+        let first = &mut self.pieces[a.0];
+        first.shape = fit.shape;
+        first.squares = fit.squares;
+        first.moments = first.moments.plus(&second.moments);
+        first.points.extend(second.points);
+        first.gaps.extend(second.gaps);
+        first.gaps.extend(gap);
+        first.nodes[a.1] = second.nodes[1 - b.1];
+        first.ends[a.1] = second.ends[1 - b.1];
+        for members in self.members.iter_mut().filter(|m| m.contains(&b.0)) {
+            members.iter_mut().filter(|k| **k == b.0).for_each(|k| *k = a.0);
+            members.sort_unstable();
+            members.dedup();
+        }
+    }
+
+    /// Joins dashes.
+    pub(super) fn join_dashes(&mut self, scale: LineScale) {
+        let max_gap = max_gap(scale);
+        loop {
+            let free: Vec<(usize, usize)> = (self.pieces.iter().enumerate())
+                .filter(|(_, p)| !p.is_dropped && !p.is_closed)
+                .flat_map(|(k, p)| (0..2).filter(|e| p.nodes[*e].is_none()).map(move |e| (k, e)))
+                .collect();
+            let mut found: Vec<(f64, (usize, usize), (usize, usize), Fit)> = Vec::new();
+            for (k, a) in free.iter().enumerate() {
+                for b in &free[k + 1..] {
+                    if let Some((gap, fit)) = self.dash_gap(*a, *b, max_gap, scale) {
+                        found.push((gap, *a, *b, fit));
+                    }
+                }
+            }
+            // Of several continuations the nearest; each end once in a round.
+            found.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+            let mut is_used = vec![false; self.pieces.len()];
+            let mut count = 0;
+            for (gap, a, b, fit) in found {
+                if !is_used[a.0] && !is_used[b.0] {
+                    is_used[a.0] = true;
+                    is_used[b.0] = true;
+                    self.join(a, b, fit, Some(gap));
+                    count += 1;
+                }
+            }
+            if count == 0 {
+                return;
+            }
+        }
+    }
+
+    /// The gap between two free ends if the pieces are dashes of one curve.
+    fn dash_gap(
+        &self,
+        a: (usize, usize),
+        b: (usize, usize),
+        max_gap: f64,
+        scale: LineScale,
+    ) -> Option<(f64, Fit)> {
+        let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
+        let (p, q) = (first.ends[a.1], second.ends[b.1]);
+        // Skeletons end half a width before the dash does.
+        let gap = distance(p, q) - scale.width;
+        if gap > max_gap || gap < 0.5 {
+            return None;
+        }
+        let known: Vec<f64> = first.gaps.iter().chain(&second.gaps).copied().collect();
+        if known.iter().any(|k| k.max(gap) > GAP_RATIO * k.min(gap) + GAP_SLACK) {
+            return None;
+        }
+        if a.0 == b.0 {
+            let is_circle = matches!(first.shape, Shape::Circle(..)) && first.gaps.len() > 1;
+            return is_circle.then_some((gap, Fit { shape: first.shape, squares: first.squares }));
+        }
+        let step = [q[0] - p[0], q[1] - p[1]];
+        let length = step[0].hypot(step[1]).max(1e-9);
+        let (u, v) = (first.outwards(a.1), second.outwards(b.1));
+        // Along the gap, and towards each other. Directions of short dashes of a small circle differ.
+        let is_ahead = -(u[0] * step[0] + u[1] * step[1]) > 0.8 * length
+            && v[0] * step[0] + v[1] * step[1] > 0.8 * length;
+        if !is_ahead {
+            return None;
+        }
+        joint(first, second, true, scale).map(|(_, fit)| (gap, fit))
+    }
+}
+
+impl Piece {
+    /// Direction from one of its ends into the piece.
+    pub(super) fn outwards(&self, end: usize) -> [f64; 2] {
+        let (from, to) = (self.ends[end], self.ends[1 - end]);
+        let chord = match self.shape {
+            // The tangent that points into the piece.
+            Shape::Circle(..) => {
+                let near = self.points.iter().min_by(|a, b| {
+                    // A point a few pixels from the end.
+                    let off = |p: &[f64; 2]| (distance(*p, from) - 4.0).abs();
+                    off(a).total_cmp(&off(b))
+                });
+                let near = near.copied().unwrap_or(to);
+                let normal = self.shape.normal(from);
+                let along = [-normal[1], normal[0]];
+                let sign = (near[0] - from[0]) * along[0] + (near[1] - from[1]) * along[1];
+                return if sign < 0.0 { along.map(|c| -c) } else { along };
+            }
+            Shape::Line(..) => [to[0] - from[0], to[1] - from[1]],
+        };
+        let length = chord[0].hypot(chord[1]).max(1e-9);
+        chord.map(|c| c / length)
+    }
+}
+
+/// The joint curve of two pieces, if it fits both.
+fn joint(first: &Piece, second: &Piece, are_dashes: bool, scale: LineScale) -> Option<(f64, Fit)> {
+    let moments: Moments = first.moments.plus(&second.moments);
+    let is_line = |p: &Piece| matches!(p.shape, Shape::Line(..));
+    let (line, circle) = match (is_line(first), is_line(second)) {
+        (true, true) if !are_dashes => (moments.line(), None),
+        (false, false) => (None, moments.circle()),
+        // A short end of an arc looks straight, and a short end of a line curved. So do dashes.
+        _ => (moments.line(), moments.circle()),
+    };
+    let square = scale.sigma * scale.sigma;
+    let fits = [line, circle].into_iter().flatten().filter_map(|fit| {
+        let price = if matches!(fit.shape, Shape::Circle(..)) { 10.0 } else { 0.0 };
+        let cost = price + (fit.squares - first.squares - second.squares) / square;
+        let limit = MAX_OFF * scale.sigma;
+        let is_near = || first.points.iter().chain(&second.points).all(|p| fit.shape.off(*p).abs() <= limit);
+        (cost <= SAME_CURVE && is_near()).then_some((cost, fit))
+    });
+    fits.min_by(|a, b| a.0.total_cmp(&b.0))
+}
