@@ -66,8 +66,10 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
         piece.is_dropped = !boxes.iter().any(is_in);
     }
+    if std::env::var("DBG").is_ok() { for (k, p) in pieces.pieces.iter().enumerate() { eprintln!("{k} {:?} nodes {:?} ends {:?} closed {} dropped {}", p.shape, p.nodes, p.ends, p.is_closed, p.is_dropped); } eprintln!("{boxes:?}"); }
     pieces.join_at_nodes(scale);
     pieces.join_dashes(scale);
+    if std::env::var("DBG").is_ok() { for (k, p) in pieces.pieces.iter().enumerate().filter(|p| !p.1.is_dropped) { eprintln!("joined {k} {:?} nodes {:?} ends {:?} gaps {:?}", p.shape, p.nodes, p.ends, p.gaps); } }
     pieces.close_ends(scale);
     pieces.place_nodes();
     let mut drawing = DxfDrawing::default();

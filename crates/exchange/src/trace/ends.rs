@@ -25,7 +25,7 @@ impl PieceGraph {
                     continue;
                 }
                 let gap = piece.gaps.iter().copied().fold(usual, f64::max);
-                let reach = gap + 0.5 * scale.width + BEYOND;
+                let reach = gap + 1.5 * scale.width + BEYOND;
                 let found = self.nearest_crossing(k, end, reach);
                 let node = self.nodes.len();
                 let Some((at, other)) = found else {

@@ -1,13 +1,13 @@
 //! Joins pieces of one line or circle: at junctions, and over the gaps between dashes.
 
 use super::moments::{Fit, Moments, Shape};
-use super::pieces::{LineScale, Piece, PieceGraph};
+use super::pieces::{LineScale, PATH_SIGMA, Piece, PieceGraph};
 use planish_solid::views::distance;
 
 /// Increase of Σ r²/σ² up to which two pieces are one.
 const SAME_CURVE: f64 = 30.0;
 /// Maximum distance of a point from the joint curve, in σ.
-const MAX_OFF: f64 = 4.0;
+const MAX_OFF: f64 = 2.5;
 /// Maximum cosine between the directions in which two pieces leave a junction, if one continues the other.
 const OPPOSITE: f64 = -0.8;
 /// Maximum gap between dashes, in widths of the line and in pixels.
@@ -197,11 +197,11 @@ fn joint(first: &Piece, second: &Piece, are_dashes: bool, scale: LineScale) -> O
         // A short end of an arc looks straight, and a short end of a line curved. So do dashes.
         _ => (moments.line(), moments.circle()),
     };
-    let square = scale.sigma * scale.sigma;
+    let square = PATH_SIGMA * PATH_SIGMA;
     let fits = [line, circle].into_iter().flatten().filter_map(|fit| {
         let price = if matches!(fit.shape, Shape::Circle(..)) { 10.0 } else { 0.0 };
         let cost = price + (fit.squares - first.squares - second.squares) / square;
-        let limit = MAX_OFF * scale.sigma;
+        let limit = MAX_OFF * PATH_SIGMA;
         let is_near = || first.points.iter().chain(&second.points).all(|p| fit.shape.off(*p).abs() <= limit);
         (cost <= SAME_CURVE && is_near()).then_some((cost, fit))
     });

@@ -11,6 +11,8 @@ use super::skeleton::{PixelGraph, PixelPath};
 /// Price of a line and of an arc, in units of σ² (two parameters and the place of its end, or three). With
 /// lower prices, lines of black and white pixels become stairs; with higher ones, small chamfers are lost.
 const PRICE: [f64; 2] = [30.0, 40.0];
+/// σ of points for the division of paths, in pixels: errors of neighbouring pixels are correlated.
+pub(super) const PATH_SIGMA: f64 = 0.35;
 /// Price of a whole circle of a closed path, which has no ends.
 const CIRCLE_PRICE: f64 = 20.0;
 /// Maximum number of places at which a path may be divided.
@@ -101,7 +103,7 @@ impl PieceGraph {
             && let Some(fit) = sums[points.len()].circle()
         {
             let divided = divided(&points, &sums, scale).1;
-            if fit.squares / scale.sigma.powi(2) + CIRCLE_PRICE <= divided {
+            if fit.squares / PATH_SIGMA.powi(2) + CIRCLE_PRICE <= divided {
                 let ends = [points[0]; 2];
                 let moments = sums[points.len()];
                 let nodes = [None; 2];
@@ -126,7 +128,7 @@ impl PieceGraph {
         for (k, pair) in cuts.windows(2).enumerate() {
             let [from, to] = [pair[0], pair[1]];
             let inner = trimmed(from, to, scale.width);
-            let Some((fit, moments)) = best_fit(&sums, inner, scale.sigma).map(|(fit, m, _)| (fit, m)) else {
+            let Some((fit, moments)) = best_fit(&sums, inner).map(|(fit, m, _)| (fit, m)) else {
                 continue;
             };
             let ends = [points[from], points[to]];
@@ -263,9 +265,9 @@ fn trimmed(from: usize, to: usize, width: f64) -> (usize, usize) {
 }
 
 /// The line or the arc of a range of points, and its cost.
-fn best_fit(sums: &[Moments], (from, to): (usize, usize), sigma: f64) -> Option<(Fit, Moments, f64)> {
+fn best_fit(sums: &[Moments], (from, to): (usize, usize)) -> Option<(Fit, Moments, f64)> {
     let moments = sums[to].minus(&sums[from]);
-    let cost = |fit: &Fit, price: f64| fit.squares / (sigma * sigma) + price;
+    let cost = |fit: &Fit, price: f64| fit.squares / (PATH_SIGMA * PATH_SIGMA) + price;
     let line = moments.line().map(|fit| (fit, cost(&fit, PRICE[0])));
     // Fewer points show no curvature.
     let circle = match moments.n >= 6.0 {
@@ -291,7 +293,7 @@ fn divided(points: &[[f64; 2]], sums: &[Moments], scale: LineScale) -> (Vec<usiz
                 continue;
             }
             let range = trimmed(cuts[from], cuts[to], scale.width);
-            if let Some((_, _, cost)) = best_fit(sums, range, scale.sigma) {
+            if let Some((_, _, cost)) = best_fit(sums, range) {
                 let cost = best[from].0 + cost;
                 if cost < own.0 {
                     own = (cost, from);

@@ -16,7 +16,7 @@ impl PixelPath {
     /// Whether it runs back to its begin without a junction.
     pub(super) fn is_closed(&self) -> bool {
         let (Some(a), Some(b)) = (self.pixels.first(), self.pixels.last()) else { return false };
-        self.nodes == [None; 2] && self.pixels.len() > 4 && (0..2).all(|k| (a[k] - b[k]).abs() <= 1)
+        self.nodes == [None; 2] && self.pixels.len() > 6 && (0..2).all(|k| (a[k] - b[k]).abs() <= 2)
     }
 }
 
@@ -95,7 +95,11 @@ impl PixelGraph {
                 is_used[first] = true;
                 let begin = beside(first).find(|o| is_junction[*o]).map(|o| node_of[&o]);
                 let (mut pixels, mut at) = (vec![pixel(first)], first);
-                let next = |at: usize, is_used: &[bool]| beside(at).find(|o| !is_used[*o] && !is_junction[*o]);
+                // Neighbours in the row or column first: a diagonal step would leave a pixel out.
+                let next = |at: usize, is_used: &[bool]| {
+                    let free = || beside(at).filter(|o| !is_used[*o] && !is_junction[*o]);
+                    free().find(|o| o.abs_diff(at) == 1 || o.abs_diff(at) == mask.columns).or_else(|| free().next())
+                };
                 while let Some(k) = next(at, &is_used) {
                     is_used[k] = true;
                     pixels.push(pixel(k));
