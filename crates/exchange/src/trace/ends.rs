@@ -40,12 +40,8 @@ impl PieceGraph {
                 self.members.push(vec![k, other]);
                 self.pieces[k].nodes[end] = Some(node);
                 // The other one may end there as well.
-                let partner = &mut self.pieces[other];
-                for e in 0..2 {
-                    if partner.nodes[e].is_none() && !partner.is_closed && distance(partner.ends[e], at) <= reach {
-                        partner.nodes[e] = Some(node);
-                        break;
-                    }
+                if let Some(e) = self.pieces[other].free_end_near(at, reach) {
+                    self.pieces[other].nodes[e] = Some(node);
                 }
             }
         }
@@ -77,8 +73,7 @@ impl PieceGraph {
                 // Within the other piece, or beyond a free end of it.
                 let curve = other.raw_curve();
                 let near = distance(nearest_on_curve(&curve, at), at);
-                let is_free = (0..2).any(|e| other.nodes[e].is_none() && distance(other.ends[e], at) <= reach);
-                if near > 2.0 && !(is_free && !other.is_closed) {
+                if near > 2.0 && other.free_end_near(at, reach).is_none() {
                     continue;
                 }
                 if best.is_none_or(|b| length < b.0) {
@@ -104,6 +99,13 @@ impl PieceGraph {
 }
 
 impl Piece {
+    /// The free end that is nearest to a place ahead of it.
+    fn free_end_near(&self, at: [f64; 2], reach: f64) -> Option<usize> {
+        let off = |e: usize| distance(self.ends[e], at);
+        let nearest = if off(0) <= off(1) { 0 } else { 1 };
+        (!self.is_closed && self.nodes[nearest].is_none() && off(nearest) <= reach).then_some(nearest)
+    }
+
     /// The curve between the places where its pixels end.
     pub(super) fn raw_curve(&self) -> Curve2 {
         match self.shape {

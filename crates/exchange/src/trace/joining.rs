@@ -2,7 +2,8 @@
 
 use super::moments::{Fit, Moments, Shape};
 use super::pieces::{LineScale, PATH_SIGMA, Piece, PieceGraph};
-use planish_solid::views::distance;
+use planish_solid::views::{Curve2, distance};
+use std::f64::consts::{PI, TAU};
 
 /// Increase of Σ r²/σ² up to which two pieces are one.
 const SAME_CURVE: f64 = 30.0;
@@ -15,6 +16,8 @@ const MAX_GAP: [f64; 2] = [9.0, 14.0];
 /// Maximum ratio of gaps of a line, and pixels by which they may differ in addition.
 const GAP_RATIO: f64 = 1.5;
 const GAP_SLACK: f64 = 2.0;
+/// Largest part of a dashed circle that may be missing, in gaps.
+const CLOSING_GAPS: f64 = 2.2;
 
 /// Maximum gap between dashes, in pixels.
 pub(super) fn max_gap(scale: LineScale) -> f64 {
@@ -96,9 +99,10 @@ impl PieceGraph {
     pub(super) fn join_dashes(&mut self, scale: LineScale) {
         let max_gap = max_gap(scale);
         loop {
+            // A gap may begin where a dash meets another line.
             let free: Vec<(usize, usize)> = (self.pieces.iter().enumerate())
-                .filter(|(_, p)| !p.is_dropped && !p.is_closed)
-                .flat_map(|(k, p)| (0..2).filter(|e| p.nodes[*e].is_none()).map(move |e| (k, e)))
+                .filter(|(_, p)| !p.is_dropped && !p.is_closed && (p.nodes.contains(&None) || !p.gaps.is_empty()))
+                .flat_map(|(k, _)| [(k, 0), (k, 1)])
                 .collect();
             let mut found: Vec<(f64, (usize, usize), (usize, usize), Fit)> = Vec::new();
             for (k, a) in free.iter().enumerate() {
@@ -121,8 +125,18 @@ impl PieceGraph {
                 }
             }
             if count == 0 {
-                return;
+                break;
             }
+        }
+        self.close_dashed_circles(max_gap);
+    }
+
+    /// Closes dashed circles of which at most about two gaps are missing: their ends may be in a gap.
+    fn close_dashed_circles(&mut self, max_gap: f64) {
+        for piece in self.pieces.iter_mut().filter(|p| !p.is_dropped && !p.is_closed && p.gaps.len() > 1) {
+            let Curve2::Arc { radius, sweep, .. } = piece.raw_curve() else { continue };
+            let gap = piece.gaps.iter().copied().fold(0.0, f64::max).min(max_gap);
+            piece.is_closed = radius * (TAU - sweep) <= CLOSING_GAPS * gap + 4.0 && sweep > PI;
         }
     }
 
@@ -143,6 +157,11 @@ impl PieceGraph {
         }
         let known: Vec<f64> = first.gaps.iter().chain(&second.gaps).copied().collect();
         if known.iter().any(|k| k.max(gap) > GAP_RATIO * k.min(gap) + GAP_SLACK) {
+            return None;
+        }
+        // Where a dash meets another line, the gap must be known.
+        let is_free = first.nodes[a.1].is_none() && second.nodes[b.1].is_none();
+        if !is_free && known.is_empty() {
             return None;
         }
         if a.0 == b.0 {
@@ -194,8 +213,12 @@ fn joint(first: &Piece, second: &Piece, are_dashes: bool, scale: LineScale) -> O
     let (line, circle) = match (is_line(first), is_line(second)) {
         (true, true) if !are_dashes => (moments.line(), None),
         (false, false) => (None, moments.circle()),
+        (true, true) => (moments.line(), moments.circle()),
         // A short end of an arc looks straight, and a short end of a line curved. So do dashes.
-        _ => (moments.line(), moments.circle()),
+        (first_is_line, _) => match (first.moments.n >= second.moments.n) == first_is_line {
+            true => (moments.line(), None),
+            false => (None, moments.circle()),
+        },
     };
     let square = PATH_SIGMA * PATH_SIGMA;
     let fits = [line, circle].into_iter().flatten().filter_map(|fit| {

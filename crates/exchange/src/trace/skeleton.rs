@@ -16,7 +16,7 @@ impl PixelPath {
     /// Whether it runs back to its begin without a junction.
     pub(super) fn is_closed(&self) -> bool {
         let (Some(a), Some(b)) = (self.pixels.first(), self.pixels.last()) else { return false };
-        self.nodes == [None; 2] && self.pixels.len() > 6 && (0..2).all(|k| (a[k] - b[k]).abs() <= 2)
+        self.nodes == [None; 2] && self.pixels.len() > 10 && (0..2).all(|k| (a[k] - b[k]).abs() <= 3)
     }
 }
 
