@@ -8,11 +8,10 @@ use crate::trace::read_traced;
 use planish_estimate::Result;
 use std::path::Path;
 
-/// Reads a drawing: SVG and PDF by their extensions, all others as DXF.
+/// Reads a drawing: SVG, PDF and pictures by their extensions, all others as DXF.
 ///
 /// # Errors
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for pictures; otherwise as [`read_dxf`],
-/// [`read_svg`] and [`read_pdf`].
+/// As [`read_dxf`], [`read_svg`], [`read_pdf`] and [`read_brightness`](crate::picture::read_brightness).
 pub fn read_drawing(path: &Path) -> Result<DxfDrawing> {
     match extension(path).as_str() {
         "svg" => read_svg(path),

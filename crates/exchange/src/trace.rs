@@ -14,6 +14,7 @@
 mod alignment;
 mod consistent;
 mod ends;
+mod fillets;
 mod ink;
 mod joining;
 mod layout;
@@ -28,6 +29,7 @@ use crate::picture::read_brightness;
 use ink::Ink;
 use moments::Shape;
 use pieces::{LineScale, Piece, PieceGraph};
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_sense::Image;
 use planish_solid::views::{DrawnCurve, LineStyle};
@@ -39,6 +41,9 @@ use thinning::Mask;
 const SIGMAS: [f64; 2] = [0.35, 0.15];
 /// Share of grey pixels at the border of lines from which on their values tell the place of a line.
 const GREY_SHARE: f64 = 0.3;
+
+/// What a user must know about lengths.
+const UNSCALED: &str = "lengths are in pixels of the picture, because its dimensions are not read: specify the scale";
 
 /// Reads a picture of a drawing.
 pub(crate) fn read_traced(path: &Path) -> Result<DxfDrawing> {
@@ -66,15 +71,20 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
         piece.is_dropped = !boxes.iter().any(is_in);
     }
-    if std::env::var("DBG").is_ok() { for (k, p) in pieces.pieces.iter().enumerate() { eprintln!("{k} {:?} nodes {:?} ends {:?} closed {} dropped {}", p.shape, p.nodes, p.ends, p.is_closed, p.is_dropped); } eprintln!("{boxes:?}"); }
     pieces.join_at_nodes(scale);
+    pieces.fit_fillets();
+    let dash = pieces.usual_dash();
     pieces.join_dashes(scale);
-    if std::env::var("DBG").is_ok() { for (k, p) in pieces.pieces.iter().enumerate().filter(|p| !p.1.is_dropped) { eprintln!("joined {k} {:?} nodes {:?} ends {:?} gaps {:?}", p.shape, p.nodes, p.ends, p.gaps); } }
+    let scale = pieces.with_rounding(scale);
     pieces.close_ends(scale);
     pieces.place_nodes();
-    let mut drawing = DxfDrawing::default();
+    let mut drawing = DxfDrawing { findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)], ..DxfDrawing::default() };
+    let dash = 1.2 * dash + scale.width;
     for aligned in alignment::aligned(&pieces, &boxes, scale) {
         let piece = &pieces.pieces[aligned.piece];
+        if !piece.is_hidden && matches!(piece.shape, Shape::Line(..)) && aligned.curve.length() <= dash {
+            drawing.open_styles.push(drawing.curves.len());
+        }
         let [x, y] = piece.points.get(piece.points.len() / 2).copied().unwrap_or(piece.ends[0]);
         drawing.curves.push(DrawnCurve {
             curve: aligned.curve,

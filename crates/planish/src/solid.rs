@@ -36,7 +36,7 @@ pub use planish_solid::views::ViewKind;
 use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, Solutions, solve};
 use serde::Serialize;
 use sheet::ReadDrawing;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,6 +48,8 @@ pub struct SolidJob {
     pub projection: Option<Projection>,
     /// The places of the views of one file; found if empty.
     pub places: Vec<ViewPlace>,
+    /// For pictures: length of the part per pixel.
+    pub scale: Option<f64>,
     /// Kinds of the views. The default is front, top and side.
     pub kinds: Option<Vec<ViewKind>>,
     /// Significance level: the probability that a true relation or match of contours is rejected.
@@ -75,6 +77,7 @@ impl Default for SolidJob {
             views: Vec::new(),
             projection: None,
             places: Vec::new(),
+            scale: None,
             kinds: None,
             level: planish_contour::constraint::DEFAULT_LEVEL,
             graphs: Vec::new(),
@@ -223,7 +226,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let (readings, unit) = match &noisy {
         Some(noisy) => {
             let drawing = noisy.consistent.exact_views()?;
-            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new(), rounding: 0.0 }], noisy.unit)
+            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new(), rounding: 0.0, open_styles: Vec::new() }], noisy.unit)
         }
         None => drawing::read(job)?,
     };
@@ -240,7 +243,9 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         strict => {
             // Contours are consistent within their σ already, and a given tolerance was applied on reading.
             let is_exact = noisy.is_some() || job.tolerance.is_some();
-            relaxed::search_relaxed(&readings, is_exact, progress).map_or(strict, Ok)?
+            let restyled = relaxed::search_restyled(&readings, strict.as_ref().ok(), progress);
+            let found = restyled.or_else(|| relaxed::search_relaxed(&readings, is_exact, progress));
+            found.map_or(strict, Ok)?
         }
     };
     let SearchedReading {
@@ -479,6 +484,11 @@ fn is_contours(job: &SolidJob) -> bool {
     job.views.iter().any(|view| extension(view) == "json")
 }
 
+/// Whether a file is a picture, which has pixels instead of lengths.
+fn is_picture(path: &Path) -> bool {
+    ["png", "jpg", "jpeg", "tif", "tiff"].contains(&extension(path).as_str())
+}
+
 /// Rejected candidates by reason, each with the message of the first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
     // Fixed order, so that reports can be compared.
@@ -545,6 +555,14 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         return Err(Error::input(format!(
             "{}: expected a contour (.json) like the other views, found a drawing, which has no σ for the \
              matching",
+            drawn.display()
+        )));
+    }
+    if let Some(drawn) = job.views.iter().find(|view| !is_picture(view))
+        && job.scale.is_some()
+    {
+        return Err(Error::input(format!(
+            "{}: expected a picture for a scale, found a drawing, which has lengths: omit the scale",
             drawn.display()
         )));
     }

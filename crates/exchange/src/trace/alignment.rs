@@ -21,6 +21,8 @@ const SAME: f64 = 3.0;
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
 const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
+/// How often equations that contradict others are left out.
+const MAX_REPEATS: usize = 8;
 
 /// A value of an axis.
 #[derive(Debug, Clone)]
@@ -64,11 +66,7 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
     let sigmas: Vec<f64> = groups.iter().map(|g| g.1).collect();
     let start: Vec<f64> = groups.iter().map(|g| g.0).collect();
     let equations = equations(graph, &values, &frames, &start, &sigmas);
-    let found = solved(&start, &sigmas, &equations).filter(|found| {
-        let limit = |k: usize| MAX_CHANGE[0] * sigmas[k] + MAX_CHANGE[1];
-        (0..found.len()).all(|k| (found[k] - start[k]).abs() <= limit(k))
-    });
-    let found = found.unwrap_or(start);
+    let found = consistent(&start, &sigmas, equations);
     let places = layout.as_ref().map(|l| corners(l, &extents));
     (0..graph.pieces.len())
         .filter(|k| !graph.pieces[*k].is_dropped)
@@ -87,6 +85,35 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             Some(AlignedCurve { curve, piece: k })
         })
         .collect()
+}
+
+/// The values that meet the equations; those that would change values by too much are left out.
+fn consistent(start: &[f64], sigmas: &[f64], mut equations: Vec<Equation<'_>>) -> Vec<f64> {
+    let change = |found: &[f64], k: usize| (found[k] - start[k]).abs() - MAX_CHANGE[0] * sigmas[k];
+    for _ in 0..MAX_REPEATS {
+        let before = equations.len();
+        match solved(start, sigmas, &equations) {
+            Some(found) => {
+                let is_moved: Vec<bool> =
+                    (0..found.len()).map(|k| change(&found, k) > MAX_CHANGE[1]).collect();
+                if !is_moved.contains(&true) {
+                    return found;
+                }
+                equations.retain(|e| e(start).1.iter().all(|(k, _)| !is_moved[*k]));
+            }
+            None => {
+                // The worst fifth at the start contains those that contradict others.
+                let mut off: Vec<f64> = equations.iter().map(|e| e(start).0.abs()).collect();
+                off.sort_by(f64::total_cmp);
+                let Some(limit) = off.get(off.len() * 4 / 5).copied() else { break };
+                equations.retain(|e| e(start).0.abs() < limit);
+            }
+        }
+        if equations.len() == before {
+            break;
+        }
+    }
+    start.to_vec()
 }
 
 /// The curve of a piece with consistent values.

@@ -84,6 +84,7 @@ impl PieceGraph {
         first.squares = fit.squares;
         first.moments = first.moments.plus(&second.moments);
         first.points.extend(second.points);
+        first.raw.extend(second.raw);
         first.gaps.extend(second.gaps);
         first.gaps.extend(gap);
         first.nodes[a.1] = second.nodes[1 - b.1];
@@ -93,6 +94,14 @@ impl PieceGraph {
             members.sort_unstable();
             members.dedup();
         }
+    }
+
+    /// The length of a usual dash: of pieces with two free ends; zero if there are none.
+    pub(super) fn usual_dash(&self) -> f64 {
+        let dashes = self.pieces.iter().filter(|p| !p.is_dropped && !p.is_closed && p.nodes == [None; 2]);
+        let mut lengths: Vec<f64> = dashes.map(|p| distance(p.ends[0], p.ends[1])).collect();
+        lengths.sort_by(f64::total_cmp);
+        lengths.get(lengths.len() * 3 / 4).copied().unwrap_or(0.0)
     }
 
     /// Joins dashes.

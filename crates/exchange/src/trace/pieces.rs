@@ -15,6 +15,13 @@ const PRICE: [f64; 2] = [30.0, 40.0];
 pub(super) const PATH_SIGMA: f64 = 0.35;
 /// Price of a whole circle of a closed path, which has no ends.
 const CIRCLE_PRICE: f64 = 20.0;
+/// Minimum number of points of a line, and of lines, that show whether places are rounded, and how well the
+/// fractions of pixels must agree.
+const MIN_ROUNDED_POINTS: f64 = 12.0;
+const MIN_ROUNDED_LINES: usize = 6;
+const ROUNDED: f64 = 0.75;
+/// σ of places that are rounded to whole pixels: 1/√12.
+const ROUNDING_SIGMA: f64 = 0.35;
 /// Maximum number of places at which a path may be divided.
 const MAX_CUTS: usize = 400;
 /// Distance of coverage samples across a line, in pixels.
@@ -28,6 +35,8 @@ pub(super) struct Piece {
     pub(super) squares: f64,
     /// Its points, without those near its ends.
     pub(super) points: Vec<[f64; 2]>,
+    /// All of its points.
+    pub(super) raw: Vec<[f64; 2]>,
     /// Junctions or corners at its ends.
     pub(super) nodes: [Option<usize>; 2],
     /// Where its pixels begin and end.
@@ -86,8 +95,30 @@ impl PieceGraph {
         let flip = |p: &mut [f64; 2]| p[1] = rows as f64 - 1.0 - p[1];
         self.nodes.iter_mut().for_each(flip);
         for piece in &mut self.pieces {
-            piece.points.iter_mut().chain(&mut piece.ends).for_each(flip);
+            piece.points.iter_mut().chain(&mut piece.raw).chain(&mut piece.ends).for_each(flip);
             piece.fit_again();
+        }
+    }
+
+    /// The scale with the σ of lines that are drawn at whole pixels, if they are: programs may round the
+    /// places of lines along an axis, but not those of circles.
+    pub(super) fn with_rounding(&self, scale: LineScale) -> LineScale {
+        let places: Vec<f64> = (self.pieces.iter())
+            .filter(|p| !p.is_dropped && p.moments.n >= MIN_ROUNDED_POINTS)
+            .filter_map(|p| match p.shape {
+                Shape::Line(at, along) => (0..2).find(|k| along[*k].abs() < 0.01).map(|k| at[k]),
+                Shape::Circle(..) => None,
+            })
+            .collect();
+        // Rounded places are whole or half pixels, all of one kind: the angles 2π·place agree.
+        let [cos, sin] = places.iter().fold([0.0, 0.0], |[c, s], place| {
+            let (sin, cos) = (std::f64::consts::TAU * place).sin_cos();
+            [c + cos, s + sin]
+        });
+        let agreement = cos.hypot(sin) / places.len().max(1) as f64;
+        match places.len() >= MIN_ROUNDED_LINES && agreement > ROUNDED {
+            true => LineScale { sigma: scale.sigma.max(ROUNDING_SIGMA), ..scale },
+            false => scale,
         }
     }
 
@@ -95,7 +126,7 @@ impl PieceGraph {
         let mut path = path.clone();
         let is_closed = path.is_closed();
         if is_closed {
-            begin_at_corner(&mut path.pixels);
+            begin_at_straight(&mut path.pixels);
         }
         let points = centred(&path, ink, scale.width);
         let sums = prefix_sums(&points);
@@ -133,7 +164,9 @@ impl PieceGraph {
             };
             let ends = [points[from], points[to]];
             let own = points[inner.0..inner.1].to_vec();
-            self.pieces.push(piece(fit, moments, own, [nodes[k], nodes[k + 1]], ends, part));
+            let raw = points[from..=to].to_vec();
+            let nodes = [nodes[k], nodes[k + 1]];
+            self.pieces.push(Piece { raw, ..piece(fit, moments, own, nodes, ends, part) });
         }
     }
 
@@ -171,6 +204,7 @@ fn piece(
         shape: fit.shape,
         squares: fit.squares,
         moments,
+        raw: points.clone(),
         points,
         nodes,
         ends,
@@ -182,17 +216,26 @@ fn piece(
     }
 }
 
-/// Lets a closed path begin where it turns most.
-fn begin_at_corner(pixels: &mut [[i32; 2]]) {
+/// Lets a closed path begin where it is straight, far from the corners at which it is divided.
+fn begin_at_straight(pixels: &mut [[i32; 2]]) {
     let n = pixels.len();
-    let reach = (n / 8).clamp(2, 6);
+    let reach = (n / 8).clamp(2, 8);
     let turn = |k: usize| {
         let [a, b, c] = [(k + n - reach) % n, k, (k + reach) % n].map(|k| pixels[k]);
         let (u, v) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
         f64::from(u[0] * v[1] - u[1] * v[0]).atan2(f64::from(u[0] * v[0] + u[1] * v[1])).abs()
     };
-    let sharpest = (0..n).max_by(|a, b| turn(*a).total_cmp(&turn(*b)).then(b.cmp(a))).unwrap_or(0);
-    pixels.rotate_left(sharpest);
+    // In the middle of the longest straight part.
+    let is_straight = |k: usize| turn(k) < 0.1;
+    let mut best = (0, 0);
+    let mut length = 0;
+    for k in 0..2 * n {
+        length = if is_straight(k % n) { length + 1 } else { 0 };
+        if length > best.0 && length <= n {
+            best = (length, (k + n - length / 2) % n);
+        }
+    }
+    pixels.rotate_left(best.1);
 }
 
 /// The pixels of a path, moved across it into the middle of the ink.
@@ -260,7 +303,7 @@ fn prefix_sums(points: &[[f64; 2]]) -> Vec<Moments> {
 fn trimmed(from: usize, to: usize, width: f64) -> (usize, usize) {
     let count = to + 1 - from;
     let trim = (0.5 * width + 1.5).ceil() as usize;
-    let trim = trim.min(count.saturating_sub(3) / 3);
+    let trim = trim.min(count.saturating_sub(4) / 4);
     (from + trim, to + 1 - trim)
 }
 

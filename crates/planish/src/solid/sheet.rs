@@ -24,6 +24,8 @@ pub(super) struct ReadDrawing {
     pub findings: Vec<Finding>,
     /// Maximum error of coordinates by the rounding of the format; zero if they are exact.
     pub rounding: f64,
+    /// Entities that may be visible or hidden.
+    pub open_styles: Vec<String>,
 }
 
 /// How a sheet was read.
@@ -95,7 +97,10 @@ pub(super) fn readings(
             None => error,
         }
     })?;
-    Ok(read.into_iter().map(|reading| candidate(reading, path, file.rounding.unwrap_or(0.0))).collect())
+    let open_styles: Vec<String> = file.open_styles.iter().map(|k| file.curves[*k].entity.clone()).collect();
+    let rounding = file.rounding.unwrap_or(0.0);
+    let made = read.into_iter().map(|reading| candidate(reading, path, rounding));
+    Ok(made.map(|reading| ReadDrawing { open_styles: open_styles.clone(), ..reading }).collect())
 }
 
 fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawing {
@@ -123,7 +128,7 @@ fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawi
             .collect(),
     };
     let rounding = rounding * reading.scale;
-    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings, rounding }
+    ReadDrawing { drawing: reading.drawing, sheet: Some(sheet), findings, rounding, open_styles: Vec::new() }
 }
 
 /// What a user should know about the reading of a sheet.
