@@ -73,6 +73,7 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     }
     pieces.join_at_nodes(scale);
     pieces.fit_fillets();
+    if std::env::var("DBG").is_ok() { for (k, p) in pieces.pieces.iter().enumerate() { eprintln!("{k} {:?} nodes {:?} ends {:?} closed {} dropped {}", p.shape, p.nodes, p.ends, p.is_closed, p.is_dropped); } eprintln!("{boxes:?}"); }
     let dash = pieces.usual_dash();
     pieces.join_dashes(scale);
     let scale = pieces.with_rounding(scale);

@@ -137,7 +137,35 @@ impl PieceGraph {
                 break;
             }
         }
+        self.join_dashed_arcs(max_gap, scale);
         self.close_dashed_circles(max_gap);
+    }
+
+    /// Joins parts of dashed circles over larger gaps, such as those of a dash that was lost.
+    fn join_dashed_arcs(&mut self, max_gap: f64, scale: LineScale) {
+        let is_part = |p: &Piece| {
+            let is_dashed = !p.gaps.is_empty() || p.nodes == [None; 2];
+            !p.is_dropped && !p.is_closed && is_dashed && matches!(p.shape, Shape::Circle(..))
+        };
+        for a in 0..self.pieces.len() {
+            for b in 0..self.pieces.len() {
+                let (first, second) = (&self.pieces[a], &self.pieces[b]);
+                // The longer one takes the other.
+                let is_longer = (first.moments.n, b) > (second.moments.n, a);
+                if a == b || !is_longer || !is_part(first) || !is_part(second) || first.gaps.len() < 2 {
+                    continue;
+                }
+                let pairs = [(0, 0), (0, 1), (1, 0), (1, 1)];
+                let off = |(i, j): &(usize, usize)| distance(first.ends[*i], second.ends[*j]);
+                let Some((i, j)) = pairs.into_iter().min_by(|p, q| off(p).total_cmp(&off(q))) else { continue };
+                let is_free = first.nodes[i].is_none() && second.nodes[j].is_none();
+                if is_free && off(&(i, j)) <= 2.0 * max_gap
+                    && let Some((_, fit)) = joint(first, second, false, scale)
+                {
+                    self.join((a, i), (b, j), fit, Some(max_gap));
+                }
+            }
+        }
     }
 
     /// Closes dashed circles of which at most about two gaps are missing: their ends may be in a gap.

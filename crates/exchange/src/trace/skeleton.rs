@@ -10,13 +10,15 @@ pub(super) struct PixelPath {
     pub(super) pixels: Vec<[i32; 2]>,
     /// Junctions at its ends; none at a free end, and for closed paths.
     pub(super) nodes: [Option<usize>; 2],
+    /// Whether it has been closed where a spur was dropped.
+    is_loop: bool,
 }
 
 impl PixelPath {
     /// Whether it runs back to its begin without a junction.
     pub(super) fn is_closed(&self) -> bool {
         let (Some(a), Some(b)) = (self.pixels.first(), self.pixels.last()) else { return false };
-        self.nodes == [None; 2] && self.pixels.len() > 10 && (0..2).all(|k| (a[k] - b[k]).abs() <= 3)
+        self.is_loop || self.nodes == [None; 2] && self.pixels.len() > 10 && (0..2).all(|k| (a[k] - b[k]).abs() <= 3)
     }
 }
 
@@ -112,7 +114,7 @@ impl PixelGraph {
                     true => last.skip(1).find(|n| Some(*n) != begin),
                     false => { last }.next(),
                 };
-                graph.paths.push(PixelPath { pixels, nodes: [begin, end] });
+                graph.paths.push(PixelPath { pixels, nodes: [begin, end], is_loop: false });
             }
         }
         graph
@@ -182,6 +184,7 @@ impl PixelGraph {
                 // A closed path.
                 self.paths[a].pixels.push(at);
                 self.paths[a].nodes = [None; 2];
+                self.paths[a].is_loop = true;
                 continue;
             }
             let (mut first, mut second) = (self.paths[a].clone(), self.paths[b].clone());

@@ -73,15 +73,12 @@ impl Mask {
                 break;
             }
         }
-        // Corners of stairs: their two neighbours touch each other without them.
+        // Pixels that the others connect without them, such as corners of stairs.
         for k in set {
             let n = self.around(k);
-            let count = n.iter().filter(|n| **n).count();
-            let is_stair = [0, 2, 4, 6].into_iter().any(|a| {
-                let (b, far) = ((a + 2) % 8, [(a + 4) % 8, (a + 5) % 8, (a + 6) % 8]);
-                n[a] && n[b] && !far.iter().any(|f| n[*f]) && !n[(a + 1) % 8]
-            });
-            if is_stair && count == 2 {
+            let is_filled = |a: usize| n[a] || (a % 2 == 1 && n[a - 1] && n[(a + 1) % 8]);
+            let groups = (0..8).filter(|a| !is_filled(*a) && is_filled((a + 1) % 8)).count();
+            if groups == 1 && n.iter().filter(|n| **n).count() > 1 {
                 self.pixels[k] = false;
             }
         }
@@ -103,4 +100,25 @@ fn is_border(n: &[bool; 8], pass: usize) -> bool {
             0 => !(above && right && below) && !(right && below && left),
             _ => !(above && right && left) && !(above && below && left),
         }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wide_ring_becomes_a_ring_of_pixels_with_two_neighbours() {
+        let (columns, rows) = (80, 80);
+        let is_ink = |k: usize| {
+            let (x, y) = ((k % columns) as f64 - 40.0, (k / columns) as f64 - 40.0);
+            (x.hypot(y) - 30.0).abs() < 1.6
+        };
+        let mask = Mask { columns, rows, pixels: (0..columns * rows).map(is_ink).collect() };
+        assert_eq!(mask.parts().1, 1);
+        let thin = mask.thinned();
+        assert_eq!(thin.parts().1, 1);
+        for k in (0..thin.pixels.len()).filter(|k| thin.pixels[*k]) {
+            assert_eq!(thin.around(k).iter().filter(|n| **n).count(), 2, "pixel {k}");
+        }
+    }
 }
