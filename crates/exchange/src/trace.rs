@@ -22,6 +22,8 @@ mod marks;
 mod moments;
 mod pieces;
 mod skeleton;
+#[cfg(test)]
+mod tests;
 mod thinning;
 
 use crate::dxf::DxfDrawing;
@@ -43,7 +45,8 @@ const SIGMAS: [f64; 2] = [0.35, 0.15];
 const GREY_SHARE: f64 = 0.3;
 
 /// What a user must know about lengths.
-const UNSCALED: &str = "lengths are in pixels of the picture, because its dimensions are not read: specify the scale";
+const UNSCALED: &str =
+    "lengths are in pixels of the picture, because its dimensions are not read: specify the scale";
 
 /// Reads a picture of a drawing.
 pub(crate) fn read_traced(path: &Path) -> Result<DxfDrawing> {
@@ -73,13 +76,15 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     }
     pieces.join_at_nodes(scale);
     pieces.fit_fillets();
-    if std::env::var("DBG").is_ok() { for (k, p) in pieces.pieces.iter().enumerate() { eprintln!("{k} {:?} nodes {:?} ends {:?} closed {} dropped {}", p.shape, p.nodes, p.ends, p.is_closed, p.is_dropped); } eprintln!("{boxes:?}"); }
     let dash = pieces.usual_dash();
     pieces.join_dashes(scale);
     let scale = pieces.with_rounding(scale);
     pieces.close_ends(scale);
     pieces.place_nodes();
-    let mut drawing = DxfDrawing { findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)], ..DxfDrawing::default() };
+    let mut drawing = DxfDrawing {
+        findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)],
+        ..DxfDrawing::default()
+    };
     let dash = 1.2 * dash + scale.width;
     for aligned in alignment::aligned(&pieces, &boxes, scale) {
         let piece = &pieces.pieces[aligned.piece];

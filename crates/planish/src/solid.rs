@@ -226,7 +226,16 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let (readings, unit) = match &noisy {
         Some(noisy) => {
             let drawing = noisy.consistent.exact_views()?;
-            (vec![ReadDrawing { drawing, sheet: None, findings: Vec::new(), rounding: 0.0, open_styles: Vec::new() }], noisy.unit)
+            (
+                vec![ReadDrawing {
+                    drawing,
+                    sheet: None,
+                    findings: Vec::new(),
+                    rounding: 0.0,
+                    open_styles: Vec::new(),
+                }],
+                noisy.unit,
+            )
         }
         None => drawing::read(job)?,
     };

@@ -5,7 +5,7 @@
 //! 3. The groups change as little as their σ allow so that ends lie on circles, and circles reach the lines
 //!    that show them in other views.
 
-use super::consistent::{Equation, solved};
+use super::consistent::{Equation, SOLVED, solved};
 use super::ends::tangent_point;
 use super::layout::{Extent, Layout, corners, layout_of};
 use super::marks::PixelBox;
@@ -92,23 +92,18 @@ fn consistent(start: &[f64], sigmas: &[f64], mut equations: Vec<Equation<'_>>) -
     let change = |found: &[f64], k: usize| (found[k] - start[k]).abs() - MAX_CHANGE[0] * sigmas[k];
     for _ in 0..MAX_REPEATS {
         let before = equations.len();
-        match solved(start, sigmas, &equations) {
-            Some(found) => {
-                let is_moved: Vec<bool> =
-                    (0..found.len()).map(|k| change(&found, k) > MAX_CHANGE[1]).collect();
-                if !is_moved.contains(&true) {
-                    return found;
-                }
-                equations.retain(|e| e(start).1.iter().all(|(k, _)| !is_moved[*k]));
-            }
-            None => {
-                // The worst fifth at the start contains those that contradict others.
-                let mut off: Vec<f64> = equations.iter().map(|e| e(start).0.abs()).collect();
-                off.sort_by(f64::total_cmp);
-                let Some(limit) = off.get(off.len() * 4 / 5).copied() else { break };
-                equations.retain(|e| e(start).0.abs() < limit);
-            }
+        let Some((found, residuals)) = solved(start, sigmas, &equations) else { break };
+        let largest = residuals.iter().copied().fold(0.0, f64::max);
+        let is_moved: Vec<bool> = (0..found.len()).map(|k| change(&found, k) > MAX_CHANGE[1]).collect();
+        if largest < 1e3 * SOLVED && !is_moved.contains(&true) {
+            return found;
         }
+        // Those that contradict others have large residuals.
+        let mut left = residuals.iter();
+        equations.retain(|e| {
+            let is_met = left.next().is_some_and(|r| *r < (0.5 * largest).max(1e3 * SOLVED));
+            is_met && (largest >= 1e3 * SOLVED || e(start).1.iter().all(|(k, _)| !is_moved[*k]))
+        });
         if equations.len() == before {
             break;
         }
@@ -240,9 +235,11 @@ impl Values {
             match piece.shape {
                 Shape::Line(at, along) => {
                     let Some(axis) = parallel_axis(piece, along, scale) else { continue };
-                    let range = [0, 1].map(|e| piece.nodes[e].map_or(piece.ends[e], |n| graph.nodes[n])[1 - axis]);
+                    let range =
+                        [0, 1].map(|e| piece.nodes[e].map_or(piece.ends[e], |n| graph.nodes[n])[1 - axis]);
                     let range = Some([range[0].min(range[1]), range[0].max(range[1])]);
-                    let value = Value { owner: 3 * view + axis, at: at[axis], sigma: scale.sigma, range, group: 0 };
+                    let value =
+                        Value { owner: 3 * view + axis, at: at[axis], sigma: scale.sigma, range, group: 0 };
                     made.axes[k] = Some(axis);
                     let index = made.push(value);
                     for (n, members) in graph.members.iter().enumerate() {
@@ -263,8 +260,17 @@ impl Values {
         }
         for (n, known) in node_values.into_iter().enumerate() {
             let view = graph.members[n].iter().find_map(|k| view_of[*k]).unwrap_or(0);
-            // Where only one piece ends, its place along that piece is known poorly.
-            let sigma = if graph.shapes_at(n).len() > 1 { 1.7 * scale.sigma } else { 1.0 };
+            let shapes = graph.shapes_at(n);
+            let is_circle = |s: &Shape| matches!(s, Shape::Circle(..));
+            let touches =
+                shapes.iter().any(|a| shapes.iter().any(|b| a != b && tangent_point(a, b).is_some()));
+            let sigma = match shapes.len() {
+                // Where only one piece ends, its place along that piece is known poorly.
+                0 | 1 => 1.0,
+                // Corners at the rim of a circle are often close to its extremes.
+                _ if !touches && shapes.iter().any(is_circle) => 0.5 * scale.sigma,
+                _ => 1.7 * scale.sigma,
+            };
             let values = [0, 1].map(|axis| {
                 known[axis].unwrap_or_else(|| {
                     let at = graph.nodes[n][axis];
@@ -328,9 +334,10 @@ impl Values {
             };
             let may_join = |k: &usize| {
                 gap(*k) <= SAME
-                    && !all[*k].members.iter().any(|(_, a)| {
-                        all[*k + 1].members.iter().any(|(_, b)| self.are_apart(*a, *b, scale))
-                    })
+                    && !all[*k]
+                        .members
+                        .iter()
+                        .any(|(_, a)| all[*k + 1].members.iter().any(|(_, b)| self.are_apart(*a, *b, scale)))
             };
             let nearest = (0..all.len().saturating_sub(1)).filter(may_join);
             let Some(k) = nearest.min_by(|a, b| gap(*a).total_cmp(&gap(*b))) else { break };
@@ -470,7 +477,8 @@ fn tangency<'a>(
     if let Some(axis) = values.axes[line] {
         // The line runs along the other axis.
         let (n, c) = (own[1 - axis], center[1 - axis]);
-        return (n != c).then(|| -> Equation<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
+        return (n != c)
+            .then(|| -> Equation<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
     }
     let [Some(a), Some(b)] = graph.pieces[line].nodes else { return None };
     let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));

@@ -195,9 +195,7 @@ fn crossings(a: &Shape, b: &Shape) -> Vec<[f64; 2]> {
             let along = (apart * apart + r * r - q * q) / (2.0 * apart);
             let half = (r * r - along * along).max(0.0).sqrt();
             let u = [(d[0] - c[0]) / apart, (d[1] - c[1]) / apart];
-            [-half, half]
-                .map(|t| [c[0] + along * u[0] - t * u[1], c[1] + along * u[1] + t * u[0]])
-                .to_vec()
+            [-half, half].map(|t| [c[0] + along * u[0] - t * u[1], c[1] + along * u[1] + t * u[0]]).to_vec()
         }
     }
 }

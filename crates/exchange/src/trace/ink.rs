@@ -30,7 +30,8 @@ impl Ink {
     /// Separates ink from paper; none if there is no ink.
     pub(super) fn new(image: &Image) -> Option<Self> {
         let (columns, rows) = (image.columns, image.rows);
-        let mut values: Vec<f32> = image.values.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect();
+        let mut values: Vec<f32> =
+            image.values.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect();
         let [low, high] = values.iter().fold([f32::MAX, f32::MIN], |[l, h], v| [l.min(*v), h.max(*v)]);
         let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len().max(1) as f64;
         // Light lines on dark ground.

@@ -5,6 +5,8 @@ use super::pieces::{LineScale, PATH_SIGMA, Piece, PieceGraph};
 use planish_solid::views::{Curve2, distance};
 use std::f64::consts::{PI, TAU};
 
+/// Maximum number of points of a piece between two parts of one line that need not fit it.
+const MAX_BRIDGE: usize = 14;
 /// Increase of Σ r²/σ² up to which two pieces are one.
 const SAME_CURVE: f64 = 30.0;
 /// Maximum distance of a point from the joint curve, in σ.
@@ -43,6 +45,30 @@ impl PieceGraph {
                 let Some((_, [a, b], fit)) = best else { break };
                 self.join(a, b, fit, None);
             }
+        }
+        for k in 0..self.pieces.len() {
+            self.join_over(k, scale);
+        }
+    }
+
+    /// Joins the lines at both ends of a short piece if they are one: near junctions, few points of the short
+    /// piece are accurate.
+    fn join_over(&mut self, k: usize, scale: LineScale) {
+        let piece = &self.pieces[k];
+        let [Some(from), Some(to)] = piece.nodes else { return };
+        if piece.is_dropped || piece.is_closed || piece.raw.len() > MAX_BRIDGE || from == to {
+            return;
+        }
+        let beside = |node: usize| self.ends_at(node).into_iter().filter(|end| end.0 != k);
+        let pairs = beside(from).flat_map(|a| beside(to).map(move |b| (a, b)));
+        let joints = pairs.filter_map(|(a, b)| Some((self.continues(a, b, scale)?, a, b)));
+        let lines = joints.filter(|((_, fit), a, b)| a.0 != b.0 && matches!(fit.shape, Shape::Line(..)));
+        if let Some(((_, fit), a, b)) = lines.min_by(|p, q| p.0.0.total_cmp(&q.0.0)) {
+            let bridge = &mut self.pieces[k];
+            bridge.moments = Moments::default();
+            bridge.points.clear();
+            self.join(a, (k, 0), fit, None);
+            self.join(a, b, fit, None);
         }
     }
 
@@ -110,7 +136,9 @@ impl PieceGraph {
         loop {
             // A gap may begin where a dash meets another line.
             let free: Vec<(usize, usize)> = (self.pieces.iter().enumerate())
-                .filter(|(_, p)| !p.is_dropped && !p.is_closed && (p.nodes.contains(&None) || !p.gaps.is_empty()))
+                .filter(|(_, p)| {
+                    !p.is_dropped && !p.is_closed && (p.nodes.contains(&None) || !p.gaps.is_empty())
+                })
                 .flat_map(|(k, _)| [(k, 0), (k, 1)])
                 .collect();
             let mut found: Vec<(f64, (usize, usize), (usize, usize), Fit)> = Vec::new();
@@ -157,9 +185,12 @@ impl PieceGraph {
                 }
                 let pairs = [(0, 0), (0, 1), (1, 0), (1, 1)];
                 let off = |(i, j): &(usize, usize)| distance(first.ends[*i], second.ends[*j]);
-                let Some((i, j)) = pairs.into_iter().min_by(|p, q| off(p).total_cmp(&off(q))) else { continue };
+                let Some((i, j)) = pairs.into_iter().min_by(|p, q| off(p).total_cmp(&off(q))) else {
+                    continue;
+                };
                 let is_free = first.nodes[i].is_none() && second.nodes[j].is_none();
-                if is_free && off(&(i, j)) <= 2.0 * max_gap
+                if is_free
+                    && off(&(i, j)) <= 2.0 * max_gap
                     && let Some((_, fit)) = joint(first, second, false, scale)
                 {
                     self.join((a, i), (b, j), fit, Some(max_gap));

@@ -104,8 +104,11 @@ mod tests {
     #[test]
     fn views_that_are_placed_freely_are_told_by_their_sizes() {
         // Width 200, depth 120, height 80: side, front, top.
-        let groups =
-            [extent(500.0, 33.0, 120.0, 80.0), extent(40.0, 400.0, 200.0, 80.0), extent(60.0, 70.0, 200.0, 120.0)];
+        let groups = [
+            extent(500.0, 33.0, 120.0, 80.0),
+            extent(40.0, 400.0, 200.0, 80.0),
+            extent(60.0, 70.0, 200.0, 120.0),
+        ];
         let layout = layout_of(&groups).unwrap();
         assert_eq!(layout.kinds, [Some(ViewKind::Side), Some(ViewKind::Front), Some(ViewKind::Top)]);
         assert!(!layout.is_aligned);

@@ -13,6 +13,8 @@ use super::skeleton::{PixelGraph, PixelPath};
 const PRICE: [f64; 2] = [30.0, 40.0];
 /// σ of points for the division of paths, in pixels: errors of neighbouring pixels are correlated.
 pub(super) const PATH_SIGMA: f64 = 0.35;
+/// Minimum number of points of an arc: near junctions, a few points are off by a pixel.
+const MIN_ARC_POINTS: f64 = 9.0;
 /// Price of a whole circle of a closed path, which has no ends.
 const CIRCLE_PRICE: f64 = 20.0;
 /// Minimum number of points of a line, and of lines, that show whether places are rounded, and how well the
@@ -130,9 +132,7 @@ impl PieceGraph {
         }
         let points = centred(&path, ink, scale.width);
         let sums = prefix_sums(&points);
-        if is_closed
-            && let Some(fit) = sums[points.len()].circle()
-        {
+        if is_closed && let Some(fit) = sums[points.len()].circle() {
             let divided = divided(&points, &sums, scale).1;
             if fit.squares / PATH_SIGMA.powi(2) + CIRCLE_PRICE <= divided {
                 let ends = [points[0]; 2];
@@ -312,8 +312,7 @@ fn best_fit(sums: &[Moments], (from, to): (usize, usize)) -> Option<(Fit, Moment
     let moments = sums[to].minus(&sums[from]);
     let cost = |fit: &Fit, price: f64| fit.squares / (PATH_SIGMA * PATH_SIGMA) + price;
     let line = moments.line().map(|fit| (fit, cost(&fit, PRICE[0])));
-    // Fewer points show no curvature.
-    let circle = match moments.n >= 6.0 {
+    let circle = match moments.n >= MIN_ARC_POINTS {
         true => moments.circle().map(|fit| (fit, cost(&fit, PRICE[1]))),
         false => None,
     };

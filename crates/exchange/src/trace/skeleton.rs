@@ -18,7 +18,8 @@ impl PixelPath {
     /// Whether it runs back to its begin without a junction.
     pub(super) fn is_closed(&self) -> bool {
         let (Some(a), Some(b)) = (self.pixels.first(), self.pixels.last()) else { return false };
-        self.is_loop || self.nodes == [None; 2] && self.pixels.len() > 10 && (0..2).all(|k| (a[k] - b[k]).abs() <= 3)
+        self.is_loop
+            || self.nodes == [None; 2] && self.pixels.len() > 10 && (0..2).all(|k| (a[k] - b[k]).abs() <= 3)
     }
 }
 
@@ -100,7 +101,9 @@ impl PixelGraph {
                 // Neighbours in the row or column first: a diagonal step would leave a pixel out.
                 let next = |at: usize, is_used: &[bool]| {
                     let free = || beside(at).filter(|o| !is_used[*o] && !is_junction[*o]);
-                    free().find(|o| o.abs_diff(at) == 1 || o.abs_diff(at) == mask.columns).or_else(|| free().next())
+                    free()
+                        .find(|o| o.abs_diff(at) == 1 || o.abs_diff(at) == mask.columns)
+                        .or_else(|| free().next())
                 };
                 while let Some(k) = next(at, &is_used) {
                     is_used[k] = true;
