@@ -41,7 +41,8 @@ def arguments():
     reading.add_argument("--svg", action="store_true")
     reading.add_argument("--pdf", action="store_true")
     reading.add_argument("--png", action="store_true")
-    reading.add_argument("--picture", choices=["any", "third", "first", "free"], help="a picture of three views")
+    arrangements = ["any", "third", "first", "free"]
+    reading.add_argument("--picture", choices=arrangements, help="a picture of three views")
     reading.add_argument("--family", choices=sorted(FAMILIES))
     reading.add_argument(
         "--simple", action="store_true", help="the simplest value of each trait that is not given"
