@@ -67,14 +67,14 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     let graph = PixelGraph::new(&skeleton, scale.width);
     let size = ink.columns.max(ink.rows) as f64;
     let boxes = marks::view_boxes(&graph, part_of, parts, size);
-    let mut pieces = PieceGraph::new(&graph, &ink, scale, part_of);
+    let mut pieces = PieceGraph::new(&graph, &ink, scale);
     pieces.flip(ink.rows);
     let boxes: Vec<marks::PixelBox> = boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect();
     for piece in &mut pieces.pieces {
         let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
         piece.is_dropped = !boxes.iter().any(is_in);
     }
-    pieces.join_at_nodes(scale);
+    pieces.join_at_nodes();
     pieces.fit_fillets();
     let dash = pieces.usual_dash();
     pieces.join_dashes(scale);

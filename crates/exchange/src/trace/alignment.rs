@@ -17,6 +17,8 @@ use std::f64::consts::TAU;
 
 /// Values at most this many σ apart are the same.
 const SAME: f64 = 3.0;
+/// The same for corners at rims of circles: pixels, or σ of a line.
+const RIM: [f64; 2] = [0.3, 1.2];
 /// Slope of a line that is parallel to an axis: pixels over its length, in addition σ, and radians.
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
@@ -33,6 +35,8 @@ struct Value {
     sigma: f64,
     /// The range of a line across the axis.
     range: Option<[f64; 2]>,
+    /// Whether it is that of a corner at the rim of a circle, often close to an extreme of the circle.
+    is_rim: bool,
     /// Number of its group, once it is known.
     group: usize,
 }
@@ -238,8 +242,14 @@ impl Values {
                     let range =
                         [0, 1].map(|e| piece.nodes[e].map_or(piece.ends[e], |n| graph.nodes[n])[1 - axis]);
                     let range = Some([range[0].min(range[1]), range[0].max(range[1])]);
-                    let value =
-                        Value { owner: 3 * view + axis, at: at[axis], sigma: scale.sigma, range, group: 0 };
+                    let value = Value {
+                        owner: 3 * view + axis,
+                        at: at[axis],
+                        sigma: scale.sigma,
+                        range,
+                        is_rim: false,
+                        group: 0,
+                    };
                     made.axes[k] = Some(axis);
                     let index = made.push(value);
                     for (n, members) in graph.members.iter().enumerate() {
@@ -251,7 +261,14 @@ impl Values {
                 Shape::Circle(center, radius) => {
                     let sigma = scale.sigma * centre_error(piece);
                     let at = |made: &mut Self, axis: usize, at: f64| {
-                        made.push(Value { owner: 3 * view + axis, at, sigma, range: None, group: 0 })
+                        made.push(Value {
+                            owner: 3 * view + axis,
+                            at,
+                            sigma,
+                            range: None,
+                            is_rim: false,
+                            group: 0,
+                        })
                     };
                     let [x, y] = [at(&mut made, 0, center[0]), at(&mut made, 1, center[1])];
                     made.circles[k] = Some([x, y, at(&mut made, 2, radius)]);
@@ -264,17 +281,13 @@ impl Values {
             let is_circle = |s: &Shape| matches!(s, Shape::Circle(..));
             let touches =
                 shapes.iter().any(|a| shapes.iter().any(|b| a != b && tangent_point(a, b).is_some()));
-            let sigma = match shapes.len() {
-                // Where only one piece ends, its place along that piece is known poorly.
-                0 | 1 => 1.0,
-                // Corners at the rim of a circle are often close to its extremes.
-                _ if !touches && shapes.iter().any(is_circle) => 0.5 * scale.sigma,
-                _ => 1.7 * scale.sigma,
-            };
+            let is_rim = !touches && shapes.iter().any(is_circle);
+            // Where only one piece ends, its place along that piece is known poorly.
+            let sigma = if shapes.len() > 1 { 1.7 * scale.sigma } else { 1.0 };
             let values = [0, 1].map(|axis| {
                 known[axis].unwrap_or_else(|| {
                     let at = graph.nodes[n][axis];
-                    made.push(Value { owner: 3 * view + axis, at, sigma, range: None, group: 0 })
+                    made.push(Value { owner: 3 * view + axis, at, sigma, range: None, is_rim, group: 0 })
                 })
             });
             made.nodes.push(values);
@@ -323,6 +336,7 @@ impl Values {
             mean: f64,
             sigma: f64,
         }
+        let rim = RIM[0].max(RIM[1] * scale.sigma);
         let mut all: Vec<Cluster> = order
             .iter()
             .map(|(_, at, k)| Cluster { members: vec![(*at, *k)], mean: *at, sigma: self.all[*k].sigma })
@@ -332,8 +346,10 @@ impl Values {
                 let (a, b) = (&all[k], &all[k + 1]);
                 (b.mean - a.mean) / (a.sigma * a.sigma + b.sigma * b.sigma).sqrt()
             };
+            let has_rim = |k: usize| all[k].members.iter().any(|(_, v)| self.all[*v].is_rim);
             let may_join = |k: &usize| {
                 gap(*k) <= SAME
+                    && (all[*k + 1].mean - all[*k].mean <= rim || !(has_rim(*k) || has_rim(*k + 1)))
                     && !all[*k]
                         .members
                         .iter()
@@ -410,8 +426,8 @@ fn equations<'a>(
     let mut reached = std::collections::BTreeSet::new();
     for circle in values.circles.iter().flatten() {
         let r = values.group(circle[2]);
-        for axis in 0..2 {
-            let c = values.group(circle[axis]);
+        for center in &circle[..2] {
+            let c = values.group(*center);
             let own_axis = axis_of_group[c];
             for sign in [1.0, -1.0] {
                 let reach = start[c] + sign * start[r];

@@ -21,6 +21,9 @@ const GAP_SLACK: f64 = 2.0;
 /// Largest part of a dashed circle that may be missing, in gaps.
 const CLOSING_GAPS: f64 = 2.2;
 
+/// A piece, and 0 for its first or 1 for its last end.
+type PieceEnd = (usize, usize);
+
 /// Maximum gap between dashes, in pixels.
 pub(super) fn max_gap(scale: LineScale) -> f64 {
     (MAX_GAP[0] * scale.width).max(MAX_GAP[1])
@@ -28,14 +31,14 @@ pub(super) fn max_gap(scale: LineScale) -> f64 {
 
 impl PieceGraph {
     /// Joins pieces that continue each other at junctions.
-    pub(super) fn join_at_nodes(&mut self, scale: LineScale) {
+    pub(super) fn join_at_nodes(&mut self) {
         for node in 0..self.nodes.len() {
             loop {
                 let ends = self.ends_at(node);
-                let mut best: Option<(f64, [(usize, usize); 2], Fit)> = None;
+                let mut best: Option<(f64, [PieceEnd; 2], Fit)> = None;
                 for (k, a) in ends.iter().enumerate() {
                     for b in &ends[k + 1..] {
-                        if let Some((cost, fit)) = self.continues(*a, *b, scale)
+                        if let Some((cost, fit)) = self.continues(*a, *b)
                             && best.as_ref().is_none_or(|best| cost < best.0)
                         {
                             best = Some((cost, [*a, *b], fit));
@@ -47,13 +50,13 @@ impl PieceGraph {
             }
         }
         for k in 0..self.pieces.len() {
-            self.join_over(k, scale);
+            self.join_over(k);
         }
     }
 
     /// Joins the lines at both ends of a short piece if they are one: near junctions, few points of the short
     /// piece are accurate.
-    fn join_over(&mut self, k: usize, scale: LineScale) {
+    fn join_over(&mut self, k: usize) {
         let piece = &self.pieces[k];
         let [Some(from), Some(to)] = piece.nodes else { return };
         if piece.is_dropped || piece.is_closed || piece.raw.len() > MAX_BRIDGE || from == to {
@@ -61,7 +64,7 @@ impl PieceGraph {
         }
         let beside = |node: usize| self.ends_at(node).into_iter().filter(|end| end.0 != k);
         let pairs = beside(from).flat_map(|a| beside(to).map(move |b| (a, b)));
-        let joints = pairs.filter_map(|(a, b)| Some((self.continues(a, b, scale)?, a, b)));
+        let joints = pairs.filter_map(|(a, b)| Some((self.continues(a, b)?, a, b)));
         let lines = joints.filter(|((_, fit), a, b)| a.0 != b.0 && matches!(fit.shape, Shape::Line(..)));
         if let Some(((_, fit), a, b)) = lines.min_by(|p, q| p.0.0.total_cmp(&q.0.0)) {
             let bridge = &mut self.pieces[k];
@@ -73,7 +76,7 @@ impl PieceGraph {
     }
 
     /// Ends of pieces at a node: a piece, and 0 or 1.
-    fn ends_at(&self, node: usize) -> Vec<(usize, usize)> {
+    fn ends_at(&self, node: usize) -> Vec<PieceEnd> {
         let ends = |k: usize| {
             let piece = &self.pieces[k];
             (0..2).filter(move |e| !piece.is_closed && piece.nodes[*e] == Some(node)).map(move |e| (k, e))
@@ -82,7 +85,7 @@ impl PieceGraph {
     }
 
     /// The joint curve of two pieces of which one continues the other, and how much worse it fits.
-    fn continues(&self, a: (usize, usize), b: (usize, usize), scale: LineScale) -> Option<(f64, Fit)> {
+    fn continues(&self, a: PieceEnd, b: PieceEnd) -> Option<(f64, Fit)> {
         let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
         if a.0 == b.0 {
             // Both ends of a circle.
@@ -93,11 +96,11 @@ impl PieceGraph {
         if u[0] * v[0] + u[1] * v[1] > OPPOSITE {
             return None;
         }
-        joint(first, second, false, scale)
+        joint(first, second, false)
     }
 
     /// Joins two ends; `gap` is the distance between two dashes.
-    fn join(&mut self, a: (usize, usize), b: (usize, usize), fit: Fit, gap: Option<f64>) {
+    fn join(&mut self, a: PieceEnd, b: PieceEnd, fit: Fit, gap: Option<f64>) {
         if a.0 == b.0 {
             self.pieces[a.0].is_closed = true;
             self.pieces[a.0].gaps.extend(gap);
@@ -135,13 +138,13 @@ impl PieceGraph {
         let max_gap = max_gap(scale);
         loop {
             // A gap may begin where a dash meets another line.
-            let free: Vec<(usize, usize)> = (self.pieces.iter().enumerate())
+            let free: Vec<PieceEnd> = (self.pieces.iter().enumerate())
                 .filter(|(_, p)| {
                     !p.is_dropped && !p.is_closed && (p.nodes.contains(&None) || !p.gaps.is_empty())
                 })
                 .flat_map(|(k, _)| [(k, 0), (k, 1)])
                 .collect();
-            let mut found: Vec<(f64, (usize, usize), (usize, usize), Fit)> = Vec::new();
+            let mut found: Vec<(f64, PieceEnd, PieceEnd, Fit)> = Vec::new();
             for (k, a) in free.iter().enumerate() {
                 for b in &free[k + 1..] {
                     if let Some((gap, fit)) = self.dash_gap(*a, *b, max_gap, scale) {
@@ -165,12 +168,12 @@ impl PieceGraph {
                 break;
             }
         }
-        self.join_dashed_arcs(max_gap, scale);
+        self.join_dashed_arcs(max_gap);
         self.close_dashed_circles(max_gap);
     }
 
     /// Joins parts of dashed circles over larger gaps, such as those of a dash that was lost.
-    fn join_dashed_arcs(&mut self, max_gap: f64, scale: LineScale) {
+    fn join_dashed_arcs(&mut self, max_gap: f64) {
         let is_part = |p: &Piece| {
             let is_dashed = !p.gaps.is_empty() || p.nodes == [None; 2];
             !p.is_dropped && !p.is_closed && is_dashed && matches!(p.shape, Shape::Circle(..))
@@ -184,14 +187,14 @@ impl PieceGraph {
                     continue;
                 }
                 let pairs = [(0, 0), (0, 1), (1, 0), (1, 1)];
-                let off = |(i, j): &(usize, usize)| distance(first.ends[*i], second.ends[*j]);
+                let off = |(i, j): &PieceEnd| distance(first.ends[*i], second.ends[*j]);
                 let Some((i, j)) = pairs.into_iter().min_by(|p, q| off(p).total_cmp(&off(q))) else {
                     continue;
                 };
                 let is_free = first.nodes[i].is_none() && second.nodes[j].is_none();
                 if is_free
                     && off(&(i, j)) <= 2.0 * max_gap
-                    && let Some((_, fit)) = joint(first, second, false, scale)
+                    && let Some((_, fit)) = joint(first, second, false)
                 {
                     self.join((a, i), (b, j), fit, Some(max_gap));
                 }
@@ -209,13 +212,7 @@ impl PieceGraph {
     }
 
     /// The gap between two free ends if the pieces are dashes of one curve.
-    fn dash_gap(
-        &self,
-        a: (usize, usize),
-        b: (usize, usize),
-        max_gap: f64,
-        scale: LineScale,
-    ) -> Option<(f64, Fit)> {
+    fn dash_gap(&self, a: PieceEnd, b: PieceEnd, max_gap: f64, scale: LineScale) -> Option<(f64, Fit)> {
         let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
         let (p, q) = (first.ends[a.1], second.ends[b.1]);
         // Skeletons end half a width before the dash does.
@@ -245,7 +242,7 @@ impl PieceGraph {
         if !is_ahead {
             return None;
         }
-        joint(first, second, true, scale).map(|(_, fit)| (gap, fit))
+        joint(first, second, true).map(|(_, fit)| (gap, fit))
     }
 }
 
@@ -275,7 +272,7 @@ impl Piece {
 }
 
 /// The joint curve of two pieces, if it fits both.
-fn joint(first: &Piece, second: &Piece, are_dashes: bool, scale: LineScale) -> Option<(f64, Fit)> {
+fn joint(first: &Piece, second: &Piece, are_dashes: bool) -> Option<(f64, Fit)> {
     let moments: Moments = first.moments.plus(&second.moments);
     let is_line = |p: &Piece| matches!(p.shape, Shape::Line(..));
     let (line, circle) = match (is_line(first), is_line(second)) {

@@ -44,8 +44,6 @@ pub(super) struct Piece {
     /// Where its pixels begin and end.
     pub(super) ends: [[f64; 2]; 2],
     pub(super) is_closed: bool,
-    /// Number of its connected part of the picture.
-    pub(super) part: u32,
     /// Lengths of the gaps between its dashes; empty for a line without gaps.
     pub(super) gaps: Vec<f64>,
     /// Whether it has gaps or a free end.
@@ -73,16 +71,10 @@ pub(super) struct LineScale {
 }
 
 impl PieceGraph {
-    /// `part_of` tells the connected part of a pixel.
-    pub(super) fn new(
-        graph: &PixelGraph,
-        ink: &Ink,
-        scale: LineScale,
-        part_of: impl Fn([i32; 2]) -> u32,
-    ) -> Self {
+    pub(super) fn new(graph: &PixelGraph, ink: &Ink, scale: LineScale) -> Self {
         let mut made = Self { pieces: Vec::new(), nodes: graph.nodes.clone(), members: Vec::new() };
         for path in &graph.paths {
-            made.add(path, ink, scale, path.pixels.first().map_or(0, |p| part_of(*p)));
+            made.add(path, ink, scale);
         }
         made.members = vec![Vec::new(); made.nodes.len()];
         for (k, piece) in made.pieces.iter().enumerate() {
@@ -124,7 +116,7 @@ impl PieceGraph {
         }
     }
 
-    fn add(&mut self, path: &PixelPath, ink: &Ink, scale: LineScale, part: u32) {
+    fn add(&mut self, path: &PixelPath, ink: &Ink, scale: LineScale) {
         let mut path = path.clone();
         let is_closed = path.is_closed();
         if is_closed {
@@ -138,7 +130,7 @@ impl PieceGraph {
                 let ends = [points[0]; 2];
                 let moments = sums[points.len()];
                 let nodes = [None; 2];
-                self.pieces.push(Piece { is_closed: true, ..piece(fit, moments, points, nodes, ends, part) });
+                self.pieces.push(Piece { is_closed: true, ..piece(fit, moments, points, nodes, ends) });
                 return;
             }
         }
@@ -166,7 +158,7 @@ impl PieceGraph {
             let own = points[inner.0..inner.1].to_vec();
             let raw = points[from..=to].to_vec();
             let nodes = [nodes[k], nodes[k + 1]];
-            self.pieces.push(Piece { raw, ..piece(fit, moments, own, nodes, ends, part) });
+            self.pieces.push(Piece { raw, ..piece(fit, moments, own, nodes, ends) });
         }
     }
 
@@ -198,7 +190,6 @@ fn piece(
     points: Vec<[f64; 2]>,
     nodes: [Option<usize>; 2],
     ends: [[f64; 2]; 2],
-    part: u32,
 ) -> Piece {
     Piece {
         shape: fit.shape,
@@ -209,7 +200,6 @@ fn piece(
         nodes,
         ends,
         is_closed: false,
-        part,
         gaps: Vec::new(),
         is_hidden: false,
         is_dropped: false,

@@ -97,8 +97,8 @@ fn is_border(n: &[bool; 8], pass: usize) -> bool {
     let [right, above, left, below] = [n[0], n[2], n[4], n[6]];
     changes == 1
         && match pass {
-            0 => !(above && right && below) && !(right && below && left),
-            _ => !(above && right && left) && !(above && below && left),
+            0 => !(right && below && (above || left)),
+            _ => !(above && left && (right || below)),
         }
 }
 
