@@ -4,9 +4,8 @@ A solid is *right* if it is valid and sampled points of each of the two surfaces
 what the decimals and displacements of the drawing explain (0.002 mm, or 0.06 mm with displaced views), and if
 their volumes differ by at most 2e-5 (1e-6 in plain files). The first solid may be right; another solid that
 is written may be right; or no solid is right. In copies with one wrong line, the place of that line in the
-list of unexplained lines or edits is reported. Results are JSON lines and tables by trait. Of pictures, the overlap (intersection over union, IoU) after a
-common scale is reported. Needs cadquery-
-ocp-novtk.
+list of unexplained lines or edits is reported. Results are JSON lines and tables by trait. Of pictures, the
+intersection over union (IoU) after scaling to one size is reported. Needs cadquery-ocp-novtk.
 
     python benches/peers/sheet_solids.py target/release/planish FOLDER --out results.jsonl
     python benches/peers/sheet_solids.py target/release/planish FOLDER --projection auto --limit 30

@@ -1,4 +1,4 @@
-"""Draws three views of a part as a picture: titles, dashed hidden lines, the three overall dimensions only."""
+"""Draws three views of a part as a picture: titles, dashed hidden lines, three overall dimensions."""
 
 import dataclasses
 import math

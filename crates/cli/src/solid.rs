@@ -31,8 +31,8 @@ Views:
   side   seen from +x, shows y and z
 All views share one frame and one scale. On a sheet with all views, the views are found and aligned with \
 the front view; frame, title block, dimensions, notes, sections and other views are set aside and listed \
-(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG and PDF files and pictures. \
-Lengths are multiplied by the scale that the dimensions or the title block state.
+(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG and PDF files \
+and pictures. Lengths are multiplied by the scale that the dimensions or the title block state.
 
 Hidden lines have dashes of one length, or a layer or line type whose name says so (HIDDEN, VERDECKT, CACHE \
 ...). Centre lines, of alternating dashes, are ignored. Faces are planes parallel to a line of sight and \

@@ -2,7 +2,8 @@
 //!
 //! **Input.** A picture of two or three views with dark lines on light paper. Hidden lines are dashed.
 //!
-//! **Output.** Lines, arcs and circles of the views, in pixels; y points up. Texts and dimensions are left out.
+//! **Output.** Lines, arcs and circles of the views, in pixels; y points up. Texts and dimensions are
+//! left out.
 //!
 //! 1. Ink is separated from paper, and strokes are thinned to a graph of paths.
 //! 2. Points of paths move to the middle of the ink. Paths are divided into lines and arcs by a BIC.

@@ -1,7 +1,8 @@
 //! Small arcs between two lines that they touch.
 //!
-//! A fillet of a few pixels looks like a chamfer to a fit without its ends. With the lines on both sides known,
-//! it has one unknown, its radius: an arc that touches both lines is compared with a chamfer by all points.
+//! A fillet of a few pixels looks like a chamfer to a fit without its ends. With the lines on both sides
+//! known, it has one unknown, its radius: an arc that touches both lines is compared with a chamfer by all
+//! points.
 
 use super::moments::Shape;
 use super::pieces::{PATH_SIGMA, PieceGraph};

@@ -8,8 +8,8 @@ const MIN_OUTLINE: f64 = 0.04;
 /// Left, right, top and bottom in pixels.
 pub(super) type PixelBox = [[f64; 2]; 2];
 
-/// The boxes of the views: of connected parts with a loop that are larger than letters. Boxes that overlap are
-/// one.
+/// The boxes of the views: of connected parts with a loop that are larger than letters. Boxes that overlap
+/// are one.
 pub(super) fn view_boxes(
     graph: &PixelGraph,
     part_of: impl Fn([i32; 2]) -> u32,

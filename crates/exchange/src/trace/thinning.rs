@@ -1,7 +1,7 @@
 //! Skeletons: lines of one pixel in the middle of strokes.
 //!
 //! # References
-//! Zhang, Suen, *A fast parallel algorithm for thinning digital patterns*, Communications of the ACM 27, 1984.
+//! Zhang, Suen, *A fast parallel algorithm for thinning digital patterns*, Comm. ACM 27, 1984.
 
 /// A picture of which pixels are set.
 #[derive(Debug, Clone)]

@@ -2,8 +2,9 @@
 
 use super::misses::{nearly_equal_extents, nearly_meeting_ends};
 use super::nearby_curves::NearbyCurves;
+use super::settings::is_picture;
 use super::sheet::{self, ReadDrawing};
-use super::{SolidJob, is_picture, kinds};
+use super::{SolidJob, kinds};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::dxf::DxfDrawing;
