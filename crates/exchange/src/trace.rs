@@ -77,16 +77,16 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     }
     pieces.join_at_nodes();
     pieces.fit_fillets();
-    let dash = pieces.usual_dash();
+    let dash = pieces.usual_dash(scale);
     pieces.join_dashes(scale);
     let scale = pieces.with_rounding(scale);
-    pieces.close_ends(scale);
+    let dash = 1.2 * dash + scale.width;
+    pieces.close_ends(dash, scale);
     pieces.place_nodes();
     let mut drawing = DxfDrawing {
         findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)],
         ..DxfDrawing::default()
     };
-    let dash = 1.2 * dash + scale.width;
     for aligned in alignment::aligned(&pieces, &boxes, scale) {
         let piece = &pieces.pieces[aligned.piece];
         if !piece.is_hidden && matches!(piece.shape, Shape::Line(..)) && aligned.curve.length() <= dash {

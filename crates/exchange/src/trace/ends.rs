@@ -11,12 +11,15 @@ const BEYOND: f64 = 3.0;
 const TANGENT: [f64; 2] = [0.9, 0.12];
 
 impl PieceGraph {
-    /// Extends free ends to the pieces that they run to; gives all ends a node.
-    pub(super) fn close_ends(&mut self, scale: LineScale) {
+    /// Extends free ends to the pieces that they run to; gives all ends a node. `dash` is the maximum length of a
+    /// dash.
+    pub(super) fn close_ends(&mut self, dash: f64, scale: LineScale) {
         let usual = self.largest_gap(scale);
+        let length = |piece: &Piece| distance(piece.ends[0], piece.ends[1]);
         for piece in &mut self.pieces {
-            // Visible lines end at other lines.
-            piece.is_hidden |= !piece.gaps.is_empty() || (!piece.is_closed && piece.nodes.contains(&None));
+            // Visible lines end at other lines, or where a face becomes smooth.
+            piece.is_hidden |= !piece.gaps.is_empty()
+                || (!piece.is_closed && piece.nodes.contains(&None) && length(piece) <= dash);
         }
         for k in 0..self.pieces.len() {
             for end in 0..2 {

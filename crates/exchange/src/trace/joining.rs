@@ -125,12 +125,12 @@ impl PieceGraph {
         }
     }
 
-    /// The length of a usual dash: of pieces with two free ends; zero if there are none.
-    pub(super) fn usual_dash(&self) -> f64 {
+    /// The length of a usual dash: of pieces with two free ends; the longest gap if there are none.
+    pub(super) fn usual_dash(&self, scale: LineScale) -> f64 {
         let dashes = self.pieces.iter().filter(|p| !p.is_dropped && !p.is_closed && p.nodes == [None; 2]);
         let mut lengths: Vec<f64> = dashes.map(|p| distance(p.ends[0], p.ends[1])).collect();
         lengths.sort_by(f64::total_cmp);
-        lengths.get(lengths.len() * 3 / 4).copied().unwrap_or(0.0)
+        lengths.get(lengths.len() * 3 / 4).copied().unwrap_or_else(|| max_gap(scale))
     }
 
     /// Joins dashes.
