@@ -87,7 +87,7 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)],
         ..DxfDrawing::default()
     };
-    for aligned in alignment::aligned(&pieces, &boxes, scale) {
+    for aligned in alignment::aligned(&pieces, &boxes, scale)? {
         let piece = &pieces.pieces[aligned.piece];
         if !piece.is_hidden && matches!(piece.shape, Shape::Line(..)) && aligned.curve.length() <= dash {
             drawing.open_styles.push(drawing.curves.len());

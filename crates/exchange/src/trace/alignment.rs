@@ -11,14 +11,17 @@ use super::layout::{Extent, Layout, corners, layout_of};
 use super::marks::PixelBox;
 use super::moments::Shape;
 use super::pieces::{LineScale, Piece, PieceGraph};
+use planish_estimate::{Error, Result};
 use planish_solid::drawing::ViewKind;
 use planish_solid::views::{Curve2, distance};
 use std::f64::consts::TAU;
 
 /// Values at most this many σ apart are the same.
 const SAME: f64 = 3.0;
-/// The same for corners at rims of circles: pixels, or σ of a line.
+/// The same for corners at rims of circles, and for radii: pixels, or σ of a line.
 const RIM: [f64; 2] = [0.3, 1.2];
+/// Maximum difference of sizes of views after alignment, relative to the largest size.
+const MAX_MISFIT: f64 = 1e-3;
 /// Slope of a line that is parallel to an axis: pixels over its length, in addition σ, and radians.
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
@@ -60,7 +63,7 @@ pub(super) struct AlignedCurve {
 }
 
 /// The curves of all views, placed in rows and columns, in pixels with y upwards.
-pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) -> Vec<AlignedCurve> {
+pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) -> Result<Vec<AlignedCurve>> {
     let view_of = views_of(graph, boxes);
     let extents: Vec<Extent> = (0..boxes.len()).map(|v| extent_of(graph, &view_of, v)).collect();
     let layout = layout_of(&extents);
@@ -72,7 +75,7 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
     let equations = equations(graph, &values, &frames, &start, &sigmas);
     let found = consistent(&start, &sigmas, equations);
     let places = layout.as_ref().map(|l| corners(l, &extents));
-    (0..graph.pieces.len())
+    let curves: Vec<AlignedCurve> = (0..graph.pieces.len())
         .filter(|k| !graph.pieces[*k].is_dropped)
         .filter_map(|k| {
             let v = view_of[k]?;
@@ -88,7 +91,25 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             let curve = curve_of(graph, &values, &found, k, &node, &to_sheet)?;
             Some(AlignedCurve { curve, piece: k })
         })
-        .collect()
+        .collect();
+    // Otherwise a view would be left out, and two views have more solids than three.
+    let largest = frames.iter().flatten().map(|f| f.extent).fold(0.0, f64::max);
+    for (v, own) in frames.iter().enumerate() {
+        let bounds = curves.iter().filter(|c| view_of[c.piece] == Some(v)).map(|c| c.curve.bounds());
+        let bounds = bounds.fold([[f64::MAX, f64::MIN]; 2], |all, b| {
+            [0, 1].map(|k| [all[k][0].min(b[k][0]), all[k][1].max(b[k][1])])
+        });
+        let is_off = |k: usize| (bounds[k][1] - bounds[k][0] - own[k].extent).abs() > MAX_MISFIT * largest;
+        if layout.as_ref().is_none_or(|l| l.kinds[v].is_none()) || is_off(0) || is_off(1) {
+            let [[left, right], [bottom, top]] = extents[v];
+            return Err(Error::input(format!(
+                "expected two or three views of one part whose sizes agree, found a group of lines from \
+                 pixel {left:.0} {bottom:.0} to {right:.0} {top:.0} (y upwards) that does not: crop the \
+                 picture to the views, or use one with more pixels"
+            )));
+        }
+    }
+    Ok(curves)
 }
 
 /// The values that meet the equations; those that would change values by too much are left out.
@@ -346,7 +367,8 @@ impl Values {
                 let (a, b) = (&all[k], &all[k + 1]);
                 (b.mean - a.mean) / (a.sigma * a.sigma + b.sigma * b.sigma).sqrt()
             };
-            let has_rim = |k: usize| all[k].members.iter().any(|(_, v)| self.all[*v].is_rim);
+            let is_narrow = |v: usize| self.all[v].is_rim || self.all[v].owner % 3 == 2;
+            let has_rim = |k: usize| all[k].members.iter().any(|(_, v)| is_narrow(*v));
             let may_join = |k: &usize| {
                 gap(*k) <= SAME
                     && (all[*k + 1].mean - all[*k].mean <= rim || !(has_rim(*k) || has_rim(*k + 1)))

@@ -11,8 +11,8 @@ const BEYOND: f64 = 3.0;
 const TANGENT: [f64; 2] = [0.9, 0.12];
 
 impl PieceGraph {
-    /// Extends free ends to the pieces that they run to; gives all ends a node. `dash` is the maximum length of a
-    /// dash.
+    /// Extends free ends to the pieces that they run to; gives all ends a node. `dash` is the maximum
+    /// length of a dash.
     pub(super) fn close_ends(&mut self, dash: f64, scale: LineScale) {
         let usual = self.largest_gap(scale);
         let length = |piece: &Piece| distance(piece.ends[0], piece.ends[1]);
