@@ -4,8 +4,8 @@ A solid is *right* if it is valid and sampled points of each of the two surfaces
 what the decimals and displacements of the drawing explain (0.002 mm, or 0.06 mm with displaced views), and if
 their volumes differ by at most 2e-5 (1e-6 in plain files). The first solid may be right; another solid that
 is written may be right; or no solid is right. In copies with one wrong line, the place of that line in the
-list of unexplained lines or edits is reported. Results are JSON lines and tables by trait. Needs cadquery-
-ocp-novtk.
+list of unexplained lines or edits is reported. Results are JSON lines and tables by trait. Of pictures, the
+intersection over union (IoU) after scaling to one size is reported. Needs cadquery-ocp-novtk.
 
     python benches/peers/sheet_solids.py target/release/planish FOLDER --out results.jsonl
     python benches/peers/sheet_solids.py target/release/planish FOLDER --projection auto --limit 30
@@ -34,6 +34,8 @@ def command(asked, folder, known, mutated):
         file = mutated["file"] if mutated else f"{known['name']}{asked.ending}"
         given = known["traits"]["projection"] if asked.projection == "true" else asked.projection
         return [str(folder / file)] + ([] if given == "none" else ["--projection", given])
+    if "picture" in known:
+        return [str(folder / f"{known['name']}.png")]
     files = [known["views"][v]["file"] for v in ("front", "top", "right")]
     if mutated:
         files[("front", "top", "right").index(mutated["view"])] = mutated["file"]
@@ -77,6 +79,11 @@ def judged(solids, known, folder):
     verdicts = []
     for solid in solids:
         try:
+            if "picture" in known:
+                verdicts.append(judge.compare_picture(solid, true))
+                if verdicts[-1]["is_right"]:
+                    break
+                continue
             verdict = judge.compare(solid, true, tolerance)
         except Exception as problem:  # Open Cascade raises errors of its own.
             verdict = {"is_right": False, "problem": repr(problem)[:200]}
@@ -181,6 +188,12 @@ def table(rows):
     print("| drawings | n | " + " | ".join(OUTCOMES) + " | median s | largest s |")
     print("|---|" + "---|" * (len(OUTCOMES) + 3))
     print(line_of("all", rows))
+    overlaps = [(r["verdict"] or {}).get("iou", 0.0) for r in rows]
+    if any(overlaps):
+        given = [o for o in overlaps if o > 0]
+        mean, of_solids = statistics.mean(overlaps), statistics.mean(given)
+        print(f"\nmean IoU {mean:.3f}, refusals counted as 0; of solids, {of_solids:.3f}")
+        return
     for family in sorted({r["family"] for r in rows}):
         print(line_of(family, [r for r in rows if r["family"] == family]))
     for feature in sorted({f for r in rows for f in r["features"]}):

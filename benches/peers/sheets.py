@@ -12,6 +12,10 @@ of the drawing and records it. Needs cadquery-ocp-novtk, ezdxf and scipy; pictur
     python benches/peers/sheets.py --count 40 --seed 1 --out FOLDER --clean
     python benches/peers/sheets.py --count 40 --out FOLDER --simple --language de --section extra
     python benches/peers/sheets.py --count 10 --out FOLDER --mutate 3
+    python benches/peers/sheets.py --count 20 --out FOLDER --picture free
+
+`--picture` draws no sheet, but a picture of 800 × 800 pixels: three views with titles and the three overall
+dimensions, in the first or third angle or placed freely, with lines and fonts that are drawn at random.
 """
 
 import argparse
@@ -20,6 +24,7 @@ import random
 
 from drafting import sheet, shapes
 from drafting.mutate import mutated
+from drafting.picture import choose_picture, make_picture
 from drafting.parts_round import FAMILIES, random_part
 from drafting.styles import EXPLANATIONS, TRAITS, choose
 
@@ -36,6 +41,8 @@ def arguments():
     reading.add_argument("--svg", action="store_true")
     reading.add_argument("--pdf", action="store_true")
     reading.add_argument("--png", action="store_true")
+    arrangements = ["any", "third", "first", "free"]
+    reading.add_argument("--picture", choices=arrangements, help="a picture of three views")
     reading.add_argument("--family", choices=sorted(FAMILIES))
     reading.add_argument(
         "--simple", action="store_true", help="the simplest value of each trait that is not given"
@@ -66,12 +73,18 @@ def main():
     for index in range(asked.count):
         shape, family, features, traits, more = part_of(asked, index)
         rejected += more["rejected"]
-        name = f"{'clean' if asked.clean else 'sheet'}_{asked.seed}_{index:03}"
+        kind = "picture" if asked.picture else "clean" if asked.clean else "sheet"
+        name = f"{kind}_{asked.seed}_{index:03}"
         base = asked.out / name
         known = {**sheet.truth(shape, name, family, features), **more}
         known["traits"] = {"turned": traits["turned"]} if asked.clean else traits
         shapes.write_step(shape, base.with_suffix(".step"))
-        if asked.clean:
+        if asked.picture:
+            dice = random.Random(f"{asked.seed}/{index}/picture")
+            drawn = choose_picture(dice, None if asked.picture == "any" else asked.picture)
+            known["traits"] = {"turned": traits["turned"]}
+            known |= make_picture(shape, base.with_suffix(".png"), drawn, dice)
+        elif asked.clean:
             known |= sheet.make_plain(shape, base)
         else:
             doc, layout = sheet.make_sheet(shape, name, traits, random.Random(f"{asked.seed}/{index}/sheet"))

@@ -95,6 +95,25 @@ def compare(found, true, tolerance):
     return result
 
 
+def compare_picture(found, true):
+    """What is equal when both shapes are as large: a picture has no scale. Right are solids with the same
+    kinds of faces of which 97 % of the union are common."""
+    (found, size), (true, true_size) = at_origin(joined(found)), at_origin(joined(true))
+    factor = max(true_size) / max(size)
+    found = scaled(found, factor)
+    volume, true_volume = shapes.volume(found), shapes.volume(true)
+    common = shapes.volume(shapes.common(found, true))
+    result = {
+        "is_valid": shapes.is_valid(found),
+        "volume_error": volume / true_volume - 1,
+        "faces_equal": shapes.face_kinds(found) == shapes.face_kinds(true),
+        "iou": common / (volume + true_volume - common),
+        "size_errors": [factor * s / t - 1 for s, t in zip(size, true_size)],
+    }
+    result["is_right"] = result["is_valid"] and result["faces_equal"] and result["iou"] > 0.97
+    return result
+
+
 def distance(found, size, true, true_size, volume, true_volume, tolerance):
     """Largest distance between the surfaces; infinite if bounds or volumes differ by far more."""
     away = max(abs(a - b) for a, b in zip(size, true_size))

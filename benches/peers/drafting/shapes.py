@@ -5,7 +5,7 @@ import math
 from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Builder
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeEdge,
@@ -112,6 +112,10 @@ def cut(shape, *tools):
     for tool in tools:
         shape = BRepAlgoAPI_Cut(shape, tool).Shape()
     return shape
+
+
+def common(shape, other):
+    return BRepAlgoAPI_Common(shape, other).Shape()
 
 
 def fuse(shape, *tools):

@@ -4,7 +4,7 @@ mod text;
 
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::summary::{self, Summary};
-use crate::values::{length, probability};
+use crate::values::{length, positive, probability};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::progress::Progress;
 use planish::solid::{Projection, SolidJob, SolidReport, ViewKind, ViewPlace};
@@ -21,6 +21,7 @@ Examples:
   planish solid sheet.dxf -o part.step
   planish solid sheet.pdf --projection first -o part.step
   planish solid sheet.dxf --view front=20,20,60,40 --view top=20,60,60,90 -o part.step
+  planish solid picture.png --scale 0.25 -o part.step
   planish solid front.svg top.svg side.svg -o part.glb --mesh-tolerance 0.01
   planish solid front.json side.json --as front,side -o part.step -o part.json --graphs graphs.json
 
@@ -30,8 +31,8 @@ Views:
   side   seen from +x, shows y and z
 All views share one frame and one scale. On a sheet with all views, the views are found and aligned with \
 the front view; frame, title block, dimensions, notes, sections and other views are set aside and listed \
-(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG and PDF files. \
-Lengths are multiplied by the scale that the dimensions or the title block state.
+(--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG and PDF files \
+and pictures. Lengths are multiplied by the scale that the dimensions or the title block state.
 
 Hidden lines have dashes of one length, or a layer or line type whose name says so (HIDDEN, VERDECKT, CACHE \
 ...). Centre lines, of alternating dashes, are ignored. Faces are planes parallel to a line of sight and \
@@ -52,9 +53,9 @@ and dimensions in space with their σ.";
     after_long_help = EXAMPLES
 )]
 pub struct SolidArgs {
-    /// Front, top and optional side view (.dxf, .svg, .pdf, .json), or one drawing with all views
+    /// Front, top and optional side view (.dxf, .svg, .pdf, .png, .json), or one drawing with all views
     ///
-    /// Views are drawings (.dxf, .svg, .pdf) or contours (.json).
+    /// Views are drawings (.dxf, .svg, .pdf), pictures of drawings (.png, .jpg, .tif) or contours (.json).
     #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     views: Vec<PathBuf>,
     /// Kinds of the views, such as `front,side` [default: front, top and side]
@@ -97,6 +98,10 @@ pub struct SolidArgs {
     /// Arrangement of the views of one file
     #[arg(long, value_enum, default_value_t = ProjectionName::Auto, help_heading = "Views")]
     projection: ProjectionName,
+    /// For a picture: length of the part per pixel
+    #[arg(long, value_name = "FACTOR", value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Views")]
+    scale: Option<f64>,
     /// Place of a view in one file with all views, such as `front=0,0,40,20`; repeatable
     ///
     /// The numbers are left, bottom, right and top in the coordinates of the file. Lines elsewhere are set
@@ -191,6 +196,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
             ProjectionName::Auto => None,
         },
         places: args.places.clone(),
+        scale: args.scale,
         kinds: (!args.kinds.is_empty()).then(|| args.kinds.iter().copied().map(Into::into).collect()),
         level: args.level,
         graphs: args.graphs.clone(),

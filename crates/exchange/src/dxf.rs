@@ -45,7 +45,7 @@ use std::path::Path;
 /// `a_missing_or_recursive_block_is_named`.
 const MAX_ENTITIES: usize = 200_000;
 
-/// Content of a drawing file (DXF, SVG or PDF).
+/// Content of a drawing file (DXF, SVG, PDF or a picture).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DxfDrawing {
     /// Curves in the order of the file.
@@ -56,6 +56,8 @@ pub struct DxfDrawing {
     pub unit: Option<Unit>,
     /// Maximum error of coordinates by rounding, if the format has few digits.
     pub rounding: Option<f64>,
+    /// Curves of a picture that may be visible or hidden: they are no longer than a dash.
+    pub open_styles: Vec<usize>,
     /// Number of ignored entities by kind, such as texts and hatches.
     pub ignored: BTreeMap<String, usize>,
     /// Ignored entities and conflicting dimensions; each text names an entity.

@@ -127,6 +127,7 @@ mod scans;
 mod source;
 mod split_scans;
 mod strokes;
+mod trace;
 
 pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;

@@ -13,19 +13,20 @@ mod page;
 mod relaxed;
 mod repaired;
 mod search;
+mod settings;
 mod sheet;
 mod stacked;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode, Length, Setting};
+use planish_core::{Finding, FindingCode, Length};
 use planish_report::numbers::significant;
 pub use repaired::ReportedEdit;
 pub use sheet::{ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
 pub use stacked::{ReportedHeight, ReportedSection, ReportedStack, SectionContour};
 
-use crate::graphs::{check_graphs_name, write_graphs};
+use crate::graphs::write_graphs;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use page::solid_page;
@@ -40,6 +41,7 @@ pub use planish_solid::views::ViewKind;
 use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution};
 use search::{SearchedReading, search_further, search_readings};
 use serde::Serialize;
+use settings::check_settings;
 use sheet::ReadDrawing;
 use std::path::PathBuf;
 
@@ -53,6 +55,8 @@ pub struct SolidJob {
     pub projection: Option<Projection>,
     /// The places of the views of one file; found if empty.
     pub places: Vec<ViewPlace>,
+    /// For pictures: length of the part per pixel.
+    pub scale: Option<f64>,
     /// Kinds of the views. The default is front, top and side.
     pub kinds: Option<Vec<ViewKind>>,
     /// Significance level: the probability that a true relation or match of contours is rejected.
@@ -82,6 +86,7 @@ impl Default for SolidJob {
             views: Vec::new(),
             projection: None,
             places: Vec::new(),
+            scale: None,
             kinds: None,
             level: planish_contour::constraint::DEFAULT_LEVEL,
             graphs: Vec::new(),
@@ -457,80 +462,4 @@ fn counts(solid: &Solid) -> FaceCounts {
     let [plane, cylinder, cone, sphere, torus] = solid.faces_by_kind();
     // Candidates consist of these five kinds only. The key `freeform` stays for programs that read it.
     FaceCounts { plane, cylinder, cone, sphere, torus, freeform: 0 }
-}
-
-fn check_settings(job: &SolidJob) -> Result<()> {
-    if !(1..=3).contains(&job.views.len()) {
-        return Err(Error::input(format!(
-            "expected drawings (.dxf, .svg, .pdf) of the front, top and side view, in this order (the side \
-             view is optional), or one file with all of them, found {}",
-            job.views.len()
-        )));
-    }
-    if !job.places.is_empty() && job.views.len() != 1 {
-        return Err(Error::input(format!(
-            "expected places of views for one file with all views, found {} files",
-            job.views.len()
-        ))
-        .with_setting(Setting::ViewPlaces));
-    }
-    if let Some(kinds) = &job.kinds {
-        let repeated = kinds.iter().enumerate().find(|(i, kind)| kinds[..*i].contains(kind));
-        if kinds.len() != job.views.len() || repeated.is_some() {
-            let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-            return Err(Error::input(format!(
-                "expected one name for each of the {} views, each once, found {}",
-                job.views.len(),
-                names.join(",")
-            )));
-        }
-    }
-    if let Some(drawn) = job.views.iter().find(|view| extension(view) != "json")
-        && is_contours(job)
-    {
-        return Err(Error::input(format!(
-            "{}: expected a contour (.json) like the other views, found a drawing, which has no σ for the \
-             matching",
-            drawn.display()
-        )));
-    }
-    for graphs in &job.graphs {
-        if !is_contours(job) {
-            return Err(Error::input(format!(
-                "{}: expected contours with their covariance (.json) for graphs, found a drawing",
-                graphs.display()
-            )));
-        }
-        check_graphs_name(graphs)?;
-    }
-    // An error and not a warning: the user would believe that the tolerance had an effect.
-    if job.tolerance.is_some()
-        && let Some(view) = job.views.first().filter(|_| is_contours(job))
-    {
-        return Err(Error::input(format!(
-            "{}: expected a drawing for a tolerance, found a contour, for which the covariance decides \
-             which coordinates are equal: omit the tolerance, and use the significance level",
-            view.display()
-        ))
-        .with_setting(Setting::Tolerance)
-        .with_setting(Setting::Level));
-    }
-    if let Some(Length { value: tolerance, .. }) = job.mesh_tolerance
-        && !(tolerance > 0.0 && tolerance.is_finite())
-    {
-        return Err(Error::input(format!("expected a mesh tolerance > 0, found {tolerance}")));
-    }
-    for output in &job.outputs {
-        // Dimensions with σ exist only for contours, so `.json` is refused for drawings.
-        let may_be_json = is_contours(job) && extension(output) == "json";
-        if !may_be_json && !writing::is_solid_file(output) {
-            let json = if is_contours(job) { ", and their dimensions with σ as .json" } else { "" };
-            return Err(Error::unsupported(format!(
-                "{}: cannot write this format: expected .step or .stp for solids, .ply, .stl, .glb or .obj \
-                 for their meshes{json}",
-                output.display()
-            )));
-        }
-    }
-    Ok(())
 }

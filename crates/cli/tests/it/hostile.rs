@@ -71,7 +71,7 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("An SVG path that ends within a number", "solid path.svg top.dxf -o old.step", 2),
     ("An encrypted PDF file", "solid locked.pdf top.dxf -o old.step", 2),
     ("A PDF page that is a picture", "solid scanned.pdf top.dxf -o old.step", 2),
-    ("A picture as a drawing", "solid drawing.png top.dxf -o old.step", 2),
+    ("A damaged picture of a drawing", "solid drawing.png top.dxf -o old.step", 2),
     ("A picture with the extension .dxf", "solid picture.dxf top.dxf -o old.step", 2),
     ("A missing view", "solid front.dxf gone.dxf -o old.step", 3),
     ("A single view", "solid front.dxf -o old.step", 2),

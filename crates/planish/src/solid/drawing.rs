@@ -2,6 +2,7 @@
 
 use super::misses::{nearly_equal_extents, nearly_meeting_ends};
 use super::nearby_curves::NearbyCurves;
+use super::settings::is_picture;
 use super::sheet::{self, ReadDrawing};
 use super::{SolidJob, kinds};
 use planish_core::{Finding, FindingCode, Setting};
@@ -40,6 +41,9 @@ pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
     for (path, kind) in job.views.iter().zip(kinds(job)) {
         let name = path.display();
         let mut file = read_drawing(path)?;
+        if let Some(scale) = job.scale {
+            scale_file(&mut file, scale);
+        }
         if file.curves.is_empty() {
             return Err(Error::input(format!(
                 "{name}: expected lines, arcs or circles of {}, found none{}",
@@ -88,16 +92,31 @@ pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
     Ok((readings, unit))
 }
 
+/// Multiplies the lengths of a picture by a given scale, which then is the only one.
+fn scale_file(file: &mut DxfDrawing, scale: f64) {
+    let view = View::new(planish_solid::views::ViewKind::Front, std::mem::take(&mut file.curves));
+    file.curves = Drawing { views: vec![view] }.scaled(scale).views.remove(0).curves;
+    file.rounding = file.rounding.map(|rounding| scale * rounding);
+    file.findings.retain(|finding| finding.code != FindingCode::ScaleUnknown);
+    file.annotations.dimensions.clear();
+    let at = |p: &mut [f64; 2]| *p = p.map(|c| scale * c);
+    file.annotations.texts.iter_mut().for_each(|text| at(&mut text.at));
+    file.annotations.hatches.iter_mut().flatten().for_each(at);
+    file.annotations.arrowheads.iter_mut().flatten().for_each(at);
+    file.annotations.centre_lines.iter_mut().flatten().for_each(at);
+}
+
 /// Views of one file each.
 fn separate_views(job: &SolidJob, files: Vec<DxfDrawing>) -> ReadDrawing {
     let mut made = ReadDrawing::default();
     for ((path, kind), mut file) in job.views.iter().zip(kinds(job)).zip(files) {
         let name = path.display();
+        made.open_styles.extend(file.open_styles.iter().map(|k| file.curves[*k].entity.clone()));
         // A second copy would have to be explained by a second edge.
         let twice = drop_repeated(&mut file.curves);
         made.findings.extend(twice.into_iter().map(|f| f.in_context(&name)));
-        // DXF views share a frame; every page of SVG and PDF has an origin of its own.
-        if ["svg", "pdf"].contains(&extension(path).as_str()) {
+        // DXF views share a frame; every page of SVG and PDF, and every picture, has an origin of its own.
+        if ["svg", "pdf"].contains(&extension(path).as_str()) || is_picture(path) {
             place_at_origin(&mut file.curves);
         }
         let mut view = View::new(kind, std::mem::take(&mut file.curves));

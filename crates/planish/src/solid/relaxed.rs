@@ -12,13 +12,64 @@ use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_report::numbers::significant;
 use planish_solid::drawing::{Drawing, View, ViewContent};
 use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
-use planish_solid::views::{coordinate_mismatches, joined};
+use planish_solid::views::{LineStyle, coordinate_mismatches, joined};
+use std::collections::BTreeSet;
 
 /// Factor by which coordinates may differ more than those of the mismatch that is assumed.
 const MARGIN: f64 = 1.1;
 
 /// Maximum number of readings of a sheet that are relaxed, because each search takes time.
 const MAX_READINGS: usize = 2;
+/// Maximum number of searches with other styles.
+const MAX_RESTYLED: usize = 5;
+
+/// Searches a picture again with short lines in the other style, if the search names them: a line that is no
+/// longer than a dash looks the same in both. None if no solid is found.
+pub(super) fn search_restyled(
+    readings: &[ReadDrawing],
+    strict: Option<&SearchedReading>,
+    progress: &dyn Progress,
+) -> Option<SearchedReading> {
+    let mut reading = readings.first().filter(|reading| !reading.open_styles.is_empty())?.clone();
+    let mut open: BTreeSet<String> = reading.open_styles.iter().cloned().collect();
+    let mut named = strict.map_or(BTreeSet::new(), |searched| named_by(searched, &open));
+    let mut count = 0;
+    for _ in 0..MAX_RESTYLED {
+        // Without a name, all of them.
+        let changed = if named.is_empty() { std::mem::take(&mut open) } else { named.clone() };
+        if changed.is_empty() {
+            return None;
+        }
+        count += changed.len();
+        open.retain(|name| !changed.contains(name));
+        for drawn in reading.drawing.views.iter_mut().flat_map(|view| &mut view.curves) {
+            if changed.contains(&drawn.entity) {
+                drawn.style = LineStyle::Hidden;
+            }
+        }
+        let searched = search_readings(vec![reading.clone()], progress, |error, _| error);
+        match searched {
+            Ok(mut searched) if searched.is_solved() => {
+                let text = format!(
+                    "the views are those of a solid only if {count} lines that are no longer than a dash are \
+                     hidden"
+                );
+                searched.reading.findings.push(Finding::new(FindingCode::DrawingInexact, text));
+                return Some(searched);
+            }
+            Ok(searched) => named = named_by(&searched, &open),
+            Err(_) => named.clear(),
+        }
+    }
+    None
+}
+
+/// The entities among some that a search names.
+fn named_by(searched: &SearchedReading, among: &BTreeSet<String>) -> BTreeSet<String> {
+    let unexplained = searched.found.unexplained.iter().filter_map(|line| line.entity.clone());
+    let differing = searched.differences.iter().flatten().filter_map(|line| line.entity.clone());
+    unexplained.chain(differing).filter(|name| among.contains(name)).collect()
+}
 
 /// Searches the readings of a drawing with more and more freedom; none if no solid is found.
 pub(super) fn search_relaxed(

@@ -27,7 +27,9 @@ pub(super) fn search_further(
         }
         _ => {}
     }
-    if let Some(relaxed) = relaxed::search_relaxed(readings, is_exact, progress) {
+    let restyled = relaxed::search_restyled(readings, strict.as_ref().ok(), progress);
+    let relaxed = restyled.or_else(|| relaxed::search_relaxed(readings, is_exact, progress));
+    if let Some(relaxed) = relaxed {
         return Ok((relaxed, Vec::new()));
     }
     let Some(repaired) = repaired::repaired(readings, is_exact, progress)? else {

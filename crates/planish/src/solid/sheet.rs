@@ -30,6 +30,8 @@ pub(super) struct ReadDrawing {
     pub open_widths: bool,
     /// Whether a centre line crosses a view.
     pub has_centre_lines: bool,
+    /// Entities that may be visible or hidden.
+    pub open_styles: Vec<String>,
 }
 
 /// How a sheet was read.
@@ -101,7 +103,10 @@ pub(super) fn readings(
             None => error,
         }
     })?;
-    Ok(read.into_iter().map(|reading| candidate(reading, path, file.rounding.unwrap_or(0.0))).collect())
+    let open_styles: Vec<String> = file.open_styles.iter().map(|k| file.curves[*k].entity.clone()).collect();
+    let rounding = file.rounding.unwrap_or(0.0);
+    let made = read.into_iter().map(|reading| candidate(reading, path, rounding));
+    Ok(made.map(|reading| ReadDrawing { open_styles: open_styles.clone(), ..reading }).collect())
 }
 
 fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawing {
@@ -137,6 +142,7 @@ fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawi
         rounding,
         open_widths,
         has_centre_lines,
+        open_styles: Vec::new(),
     }
 }
 

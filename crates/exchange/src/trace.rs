@@ -1,0 +1,117 @@
+//! Traces the lines of drawings in pictures (PNG, JPEG, TIFF).
+//!
+//! **Input.** A picture of two or three views with dark lines on light paper. Hidden lines are dashed.
+//!
+//! **Output.** Lines, arcs and circles of the views, in pixels; y points up. Texts and dimensions are
+//! left out.
+//!
+//! 1. Ink is separated from paper, and strokes are thinned to a graph of paths.
+//! 2. Points of paths move to the middle of the ink. Paths are divided into lines and arcs by a BIC.
+//! 3. Pieces of one line or circle are joined at junctions, and over the gaps between dashes.
+//! 4. Coordinates that agree within their σ are the same, in a view and between views.
+//!
+//! **Limits.** The scale is unknown. Details of less than about two line widths are lost.
+
+mod alignment;
+mod consistent;
+mod ends;
+mod fillets;
+mod ink;
+mod joining;
+mod layout;
+mod marks;
+mod moments;
+mod pieces;
+mod skeleton;
+#[cfg(test)]
+mod tests;
+mod thinning;
+
+use crate::dxf::DxfDrawing;
+use crate::picture::read_brightness;
+use ink::Ink;
+use moments::Shape;
+use pieces::{LineScale, Piece, PieceGraph};
+use planish_core::{Finding, FindingCode};
+use planish_estimate::{Error, Result};
+use planish_sense::Image;
+use planish_solid::views::{DrawnCurve, LineStyle};
+use skeleton::PixelGraph;
+use std::path::Path;
+use thinning::Mask;
+
+/// σ of a point in the middle of a line: of black and white pixels, and of grey ones.
+const SIGMAS: [f64; 2] = [0.35, 0.15];
+/// Share of grey pixels at the border of lines from which on their values tell the place of a line.
+const GREY_SHARE: f64 = 0.3;
+
+/// What a user must know about lengths.
+const UNSCALED: &str =
+    "lengths are in pixels of the picture, because its dimensions are not read: specify the scale";
+
+/// Reads a picture of a drawing.
+pub(crate) fn read_traced(path: &Path) -> Result<DxfDrawing> {
+    trace(&read_brightness(path)?).map_err(|e| e.in_context(path.display()))
+}
+
+fn trace(image: &Image) -> Result<DxfDrawing> {
+    let none = || Error::input("expected a picture of a drawing with dark lines, found none");
+    let ink = Ink::new(image).ok_or_else(none)?;
+    let mask = Mask { columns: ink.columns, rows: ink.rows, pixels: ink.mask.clone() };
+    let (labels, parts) = mask.parts();
+    let part_of = |p: [i32; 2]| labels[p[1] as usize * ink.columns + p[0] as usize];
+    let covered = mask.pixels.iter().filter(|p| **p).count();
+    let skeleton = mask.thinned();
+    let length = skeleton.pixels.iter().filter(|p| **p).count().max(1);
+    let sigma = SIGMAS[usize::from(ink.grey_share > GREY_SHARE)];
+    let scale = LineScale { width: covered as f64 / length as f64, sigma };
+    let graph = PixelGraph::new(&skeleton, scale.width);
+    let size = ink.columns.max(ink.rows) as f64;
+    let boxes = marks::view_boxes(&graph, part_of, parts, size);
+    let mut pieces = PieceGraph::new(&graph, &ink, scale);
+    pieces.flip(ink.rows);
+    let boxes: Vec<marks::PixelBox> = boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect();
+    for piece in &mut pieces.pieces {
+        let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
+        piece.is_dropped = !boxes.iter().any(is_in);
+    }
+    pieces.join_at_nodes();
+    pieces.fit_fillets();
+    let dash = pieces.usual_dash(scale);
+    pieces.join_dashes(scale);
+    let scale = pieces.with_rounding(scale);
+    let dash = 1.2 * dash + scale.width;
+    pieces.close_ends(dash, scale);
+    pieces.place_nodes();
+    let mut drawing = DxfDrawing {
+        findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)],
+        ..DxfDrawing::default()
+    };
+    for aligned in alignment::aligned(&pieces, &boxes, scale)? {
+        let piece = &pieces.pieces[aligned.piece];
+        if !piece.is_hidden && matches!(piece.shape, Shape::Line(..)) && aligned.curve.length() <= dash {
+            drawing.open_styles.push(drawing.curves.len());
+        }
+        let [x, y] = piece.points.get(piece.points.len() / 2).copied().unwrap_or(piece.ends[0]);
+        drawing.curves.push(DrawnCurve {
+            curve: aligned.curve,
+            style: if piece.is_hidden { LineStyle::Hidden } else { LineStyle::Visible },
+            entity: format!("{} at pixel {x:.0} {:.0}", kind_of(piece), ink.rows as f64 - 1.0 - y),
+        });
+    }
+    Ok(drawing)
+}
+
+/// A range of rows as y upwards.
+fn flipped([top, bottom]: [f64; 2], rows: usize) -> [f64; 2] {
+    [rows as f64 - 1.0 - bottom, rows as f64 - 1.0 - top]
+}
+
+/// What a piece is, in messages.
+fn kind_of(piece: &Piece) -> &'static str {
+    match piece.shape {
+        Shape::Line(..) => "line",
+        Shape::Circle(..) if piece.is_closed => "circle",
+        Shape::Circle(..) => "arc",
+    }
+}

@@ -1,0 +1,106 @@
+use super::*;
+use planish_solid::views::{Curve2, LineStyle};
+
+/// A picture with antialiased lines of 2 pixels, y upwards.
+struct Canvas {
+    image: Image,
+}
+
+impl Canvas {
+    fn new() -> Self {
+        Self { image: Image { columns: 500, rows: 500, values: vec![255.0; 500 * 500] } }
+    }
+
+    /// Darkens pixels by their distance from a curve.
+    fn ink(&mut self, off: impl Fn([f64; 2]) -> f64) {
+        for (k, value) in self.image.values.iter_mut().enumerate() {
+            let p = [(k % 500) as f64, 499.0 - (k / 500) as f64];
+            let covered = (1.5 - off(p)).clamp(0.0, 1.0) as f32;
+            *value = value.min(255.0 * (1.0 - covered));
+        }
+    }
+
+    fn line(&mut self, a: [f64; 2], b: [f64; 2]) {
+        self.ink(|p| planish_solid::views::distance_to_segment(p, a, b));
+    }
+
+    fn dashes(&mut self, a: [f64; 2], b: [f64; 2]) {
+        let length = planish_solid::views::distance(a, b);
+        let at = |t: f64| [0, 1].map(|k| a[k] + (b[k] - a[k]) * (t / length).min(1.0));
+        for k in 0..(length / 13.0).ceil() as usize {
+            let from = 13.0 * k as f64;
+            self.line(at(from), at(from + 8.0));
+        }
+    }
+
+    fn circle(&mut self, c: [f64; 2], radius: f64) {
+        self.ink(|p| (planish_solid::views::distance(p, c) - radius).abs());
+    }
+
+    fn rectangle(&mut self, x: f64, y: f64, width: f64, height: f64) {
+        let corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
+        (0..4).for_each(|k| self.line(corners[k], corners[(k + 1) % 4]));
+    }
+}
+
+/// Views of a plate of 200.4 × 120.2 × 60.6 pixels with a hole of radius 30.3, and a loose line as a letter.
+fn plate(top: [f64; 2], side: [f64; 2]) -> Image {
+    let mut canvas = Canvas::new();
+    let [x, y] = [40.3, 60.7];
+    canvas.rectangle(x, y, 200.4, 60.6);
+    canvas.rectangle(top[0], top[1], 200.4, 120.2);
+    canvas.circle([top[0] + 90.1, top[1] + 60.2], 30.3);
+    canvas.rectangle(side[0], side[1], 120.2, 60.6);
+    for off in [-30.3, 30.3] {
+        canvas.dashes([x + 90.1 + off, y], [x + 90.1 + off, y + 60.6]);
+        canvas.dashes([side[0] + 60.2 + off, side[1]], [side[0] + 60.2 + off, side[1] + 60.6]);
+    }
+    canvas.line([100.0, 30.0], [108.0, 38.0]);
+    canvas.image
+}
+
+fn segments(drawing: &DxfDrawing, style: LineStyle) -> Vec<[[f64; 2]; 2]> {
+    let lines = drawing.curves.iter().filter(|c| c.style == style);
+    lines.filter_map(|c| if let Curve2::Segment(a, b) = c.curve { Some([a, b]) } else { None }).collect()
+}
+
+#[test]
+fn views_of_a_plate_have_exactly_equal_coordinates() {
+    let drawing = trace(&plate([40.3, 200.1], [320.6, 60.7])).unwrap();
+    assert_eq!(segments(&drawing, LineStyle::Visible).len(), 12, "{:?}", drawing.curves);
+    let hidden = segments(&drawing, LineStyle::Hidden);
+    assert_eq!(hidden.len(), 4, "{:?}", drawing.curves);
+    let circles = drawing.curves.iter().filter_map(|c| match c.curve {
+        Curve2::Arc { center, radius, .. } => Some((center, radius)),
+        _ => None,
+    });
+    let [(center, radius)] = circles.collect::<Vec<_>>()[..] else { panic!("{:?}", drawing.curves) };
+    assert!((radius - 30.3).abs() < 0.15, "{radius}");
+    // Hidden lines of the front view are exactly at the extremes of the circle, and end at the outline.
+    let mut xs: Vec<f64> = hidden.iter().map(|s| s[0][0]).filter(|x| *x < 300.0).collect();
+    xs.sort_by(f64::total_cmp);
+    assert!((xs[0] - center[0] + radius).abs() < 1e-6 && (xs[1] - center[0] - radius).abs() < 1e-6, "{xs:?}");
+    for [a, b] in hidden {
+        assert!(a[0] == b[0] && ((a[1] - b[1]).abs() - 60.6).abs() < 0.3, "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn views_that_are_placed_freely_are_aligned() {
+    let drawing = trace(&plate([250.2, 310.4], [330.6, 170.9])).unwrap();
+    let visible = segments(&drawing, LineStyle::Visible);
+    let lowest = |k: usize| {
+        let mut all: Vec<f64> = visible.iter().flatten().map(|p| p[k]).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup();
+        all
+    };
+    // Two views in a row and two in a column share their coordinates.
+    assert_eq!((lowest(0).len(), lowest(1).len()), (4, 4), "{visible:?}");
+}
+
+#[test]
+fn white_paper_is_refused() {
+    let error = trace(&Canvas::new().image).unwrap_err().to_string();
+    assert!(error.contains("found none"), "{error}");
+}
