@@ -82,6 +82,7 @@ pub mod dxf;
 pub mod e57;
 pub mod geotiff;
 pub mod glb;
+pub mod glyphs;
 pub mod job;
 pub mod landmarks;
 pub mod las;

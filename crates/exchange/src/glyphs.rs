@@ -1,0 +1,209 @@
+//! Reads texts in pictures of drawings: numbers, symbols of dimensions and titles of views.
+//!
+//! **Input.** The brightness of a picture with dark lines on light paper (or the inverse). Capitals are 7 to 60
+//! pixels high. Texts are horizontal or read upwards (ISO 129), tilted by up to 2°.
+//!
+//! **Output.** [`PictureText`]: words with their corners and the probability that they are right, and the
+//! pixels that belong to them.
+//!
+//! **Method.** Connected strokes beside each other are a word. A small network classifies glyphs; touching
+//! glyphs are cut where little ink is, and the most probable sequence of parts wins. Words that look like
+//! dimensions or like words are more probable than random characters (`O` or `0`). Long lines through texts
+//! are removed first.
+//!
+//! **Limits.** Texts at other angles, texts that touch curves, and handwriting are not read. A letter alone,
+//! such as `O`, may be a circle of the drawing; its probability says so. Characters are Latin letters, `ä`,
+//! `ö`, `ü`, `é`, digits and `. , : - + ± ° Ø × / % ( ) =`; `×` is written as `x`, all diameter signs as `Ø`.
+//!
+//! # References
+//! - LeCun, Bottou, Bengio and Haffner, *Gradient-based learning applied to document recognition*, 1998: the
+//!   network (section II) and the choice of cuts by the best path (section V).
+//! - Guo, Pleiss, Sun and Weinberger, *On calibration of modern neural networks*, 2017: temperature.
+
+mod grammar;
+mod ink;
+mod lines;
+mod network;
+mod shape;
+#[cfg(test)]
+mod tests;
+mod words;
+
+use grammar::is_dimension;
+use ink::Ink;
+use network::Network;
+use planish_sense::Image;
+use planish_solid::sheet::SheetText;
+use shape::{Reading, Shape, connected};
+use words::{FoundWord, WordFinder};
+
+/// Texts of a picture.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PictureText {
+    /// Words, from the most to the least clear one.
+    pub words: Vec<Word>,
+    /// Whether a pixel belongs to a word, row by row. Pixels of lines that cross a word are left out.
+    pub mask: Vec<bool>,
+}
+
+/// A word or a number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Word {
+    /// What it reads, without spaces.
+    pub text: String,
+    /// Corners in pixels (x to the right, y down, the middle of the first pixel is the origin): as one reads
+    /// it, lower left, lower right, upper right, upper left.
+    pub corners: [[f64; 2]; 4],
+    /// Direction of reading in radians, with y down: about 0, or about −π/2 for texts that are read upwards.
+    pub angle_rad: f64,
+    /// Height of capitals and digits in pixels.
+    pub height: f64,
+    /// Probability that the text is right, calibrated on fonts that were not used for training.
+    pub confidence: f64,
+}
+
+impl Word {
+    /// The middle of the word in pixels.
+    #[must_use]
+    pub fn middle(&self) -> [f64; 2] {
+        [0, 1].map(|k| 0.25 * self.corners.iter().map(|c| c[k]).sum::<f64>())
+    }
+
+    /// Whether it reads like a number of a drawing: `12.5`, `Ø8`, `2x45°`, `1:2`.
+    #[must_use]
+    pub fn is_dimension(&self) -> bool {
+        is_dimension(&self.text.replace('x', "×").chars().collect::<Vec<char>>())
+    }
+}
+
+impl PictureText {
+    /// The words of at least a confidence, as texts of a drawing with y up.
+    ///
+    /// `rows`: height of the picture in pixels; `pixel`: size of a pixel in the unit of the drawing.
+    #[must_use]
+    pub fn sheet_texts(&self, rows: usize, pixel: f64, confidence: f64) -> Vec<SheetText> {
+        let sure = self.words.iter().filter(|w| w.confidence >= confidence);
+        let placed = sure.map(|word| {
+            let [x, y] = word.middle();
+            SheetText { at: [pixel * x, pixel * (rows as f64 - 1.0 - y)], text: word.text.clone() }
+        });
+        placed.collect()
+    }
+}
+
+/// Longest side of the shapes that may be glyphs, in pixels; larger ones are line work.
+const LARGEST_GLYPH: f32 = 110.0;
+/// Probability of being glyphs below which shapes are line work.
+const IS_TEXT: f64 = 0.5;
+
+/// Reads the texts of a picture.
+///
+/// # Examples
+/// A picture without ink has no words.
+/// ```
+/// use planish_exchange::glyphs::read_words;
+/// use planish_sense::Image;
+/// let found = read_words(&Image::try_new(40, 30, vec![255.0; 1200])?);
+/// assert!(found.words.is_empty() && found.mask.iter().all(|pixel| !pixel));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[must_use]
+pub fn read_words(image: &Image) -> PictureText {
+    let ink = Ink::of(image);
+    let network = Network::new();
+    let (small, large): (Vec<Shape>, Vec<Shape>) =
+        connected(&ink.strokes(), ink.columns).into_iter().partition(is_small);
+    let mut shapes = small;
+    shapes.extend(beside_lines(&large, &ink));
+    let finder = WordFinder { ink: &ink, network: &network, shapes: &shapes };
+    let mut found = finder.find(Reading::Rightwards);
+    found.extend(finder.find(Reading::Upwards));
+    let found = without_overlaps(found, shapes.len());
+    let mut mask = vec![false; ink.values.len()];
+    for shape in found.iter().flat_map(|w| &w.shapes) {
+        paint(&shapes[*shape], &ink, &mut mask);
+    }
+    let mut words: Vec<Word> = found.iter().map(|w| placed(w, ink.rows)).collect();
+    words.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    PictureText { words, mask }
+}
+
+fn is_small(shape: &Shape) -> bool {
+    shape.bounds.size(0).max(shape.bounds.size(1)) <= LARGEST_GLYPH
+}
+
+/// What is left of line work without its long lines, as far as it is small.
+fn beside_lines(large: &[Shape], ink: &Ink) -> Vec<Shape> {
+    let mut mask = vec![false; ink.values.len()];
+    for run in large.iter().flat_map(|s| &s.runs) {
+        let row = run.row as usize * ink.columns;
+        mask[row + run.first as usize..=row + run.last as usize].fill(true);
+    }
+    let lines = lines::long_lines(&mask, ink.columns);
+    mask.iter_mut().zip(lines).for_each(|(pixel, line)| *pixel &= !line);
+    connected(&mask, ink.columns).into_iter().filter(is_small).collect()
+}
+
+/// The words that explain their shapes best; each shape belongs to one word.
+fn without_overlaps(mut found: Vec<FoundWord>, shapes: usize) -> Vec<FoundWord> {
+    found.retain(|w| w.glyph_chance >= IS_TEXT && has_letter_or_digit(w));
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut used = vec![false; shapes];
+    found.retain(|word| {
+        let free = word.shapes.iter().all(|k| !used[*k]);
+        if free {
+            word.shapes.iter().for_each(|k| used[*k] = true);
+        }
+        free
+    });
+    found
+}
+
+/// Whether a word has more than what lines and points of a drawing look like.
+fn has_letter_or_digit(word: &FoundWord) -> bool {
+    let characters = &word.read.characters;
+    characters.iter().any(|c| c.is_alphanumeric() && !"lIi1".contains(*c)) || characters[..] == ['1', '1']
+}
+
+/// Marks the pixels of a shape and its antialiased rim.
+fn paint(shape: &Shape, ink: &Ink, mask: &mut [bool]) {
+    for run in &shape.runs {
+        let [first, last] = [(run.first as usize).saturating_sub(1), (run.last as usize + 1).min(ink.columns - 1)];
+        let row = run.row as usize;
+        for y in row.saturating_sub(1)..=(row + 1).min(ink.rows - 1) {
+            mask[y * ink.columns + first..=y * ink.columns + last].fill(true);
+        }
+    }
+}
+
+/// The word in the frame of the picture.
+fn placed(found: &FoundWord, rows: usize) -> Word {
+    let line = &found.line;
+    let left = found.glyphs.iter().map(|b| b.low[0] - 0.5).fold(f32::MAX, f32::min);
+    let right = found.glyphs.iter().map(|b| b.high[0] + 0.5).fold(f32::MIN, f32::max);
+    let corner = |x: f32, up: f32| {
+        let y = f64::from(line.base_at(x) - up * line.height);
+        match found.reading {
+            Reading::Rightwards => [f64::from(x), y],
+            Reading::Upwards => [y, rows as f64 - 1.0 - f64::from(x)],
+        }
+    };
+    let tilt = f64::from(line.base[1]).atan();
+    let angle_rad = match found.reading {
+        Reading::Rightwards => tilt,
+        Reading::Upwards => tilt - std::f64::consts::FRAC_PI_2,
+    };
+    Word {
+        text: found.read.characters.iter().map(|c| if *c == '×' { 'x' } else { *c }).collect(),
+        corners: [corner(left, 0.0), corner(right, 0.0), corner(right, 1.0), corner(left, 1.0)],
+        angle_rad,
+        height: f64::from(line.height),
+        confidence: confidence(found),
+    }
+}
+
+/// Probability that a word is right.
+fn confidence(found: &FoundWord) -> f64 {
+    let unread = if found.has_unread { 0.1 } else { 1.0 };
+    found.read.probability * found.glyph_chance * unread
+}

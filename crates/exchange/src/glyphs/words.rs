@@ -1,0 +1,334 @@
+//! Joins shapes to words and finds the glyphs of a word.
+
+use super::grammar::{ReadWord, read};
+use super::ink::Ink;
+use super::network::{CLASS_COUNT, NO_GLYPH, Network};
+use super::shape::{Line, Patch, PixelBox, Reading, Shape};
+
+/// Heights of shapes in pixels that glyphs have; smaller ones are points, dashes and rings of a glyph.
+const GLYPH_HEIGHT: std::ops::RangeInclusive<f32> = 6.0..=100.0;
+/// Glyphs that touch make shapes up to this times as wide as high.
+const WIDEST: f32 = 4.0;
+/// Maximum gap between glyphs in heights: digits of fonts of equal advance have 0.6 around a point.
+const WIDEST_GAP: f32 = 0.65;
+/// Heights of glyphs of a word differ by at most this factor, apart from points and the like.
+const HEIGHT_RATIO: f32 = 2.2;
+/// Height of points, dashes and rings relative to the glyphs beside them.
+const SMALL: f32 = 0.45;
+/// Maximum number of shapes of a word. Hatches are chains of many more.
+const LONGEST: usize = 60;
+/// Maximum number of parts that make one glyph: `%` has three; touching glyphs are cut into more.
+const MOST_PARTS: usize = 5;
+/// Maximum width of a glyph and maximum gap between its parts in heights.
+const WIDEST_GLYPH: f32 = 1.7;
+const GAP_INSIDE: f32 = 0.12;
+/// Logarithm of the probability below which a part is rather no glyph at all.
+const SKIPPED: f32 = -3.0;
+
+/// A word as it was found.
+pub(super) struct FoundWord {
+    pub(super) reading: Reading,
+    pub(super) read: ReadWord,
+    pub(super) line: Line,
+    /// Box of every glyph in the frame of the reader.
+    pub(super) glyphs: Vec<PixelBox>,
+    /// Numbers of the shapes.
+    pub(super) shapes: Vec<usize>,
+    /// Whether parts between its glyphs are unexplained.
+    pub(super) has_unread: bool,
+    /// Probability that its shapes are glyphs at all (mean of the glyphs).
+    pub(super) glyph_chance: f64,
+    /// How much better this explains its shapes than none.
+    pub(super) score: f32,
+}
+
+/// A shape or a part of one.
+struct Part {
+    patch: Patch,
+    shape: usize,
+}
+
+/// What makes words of shapes.
+pub(super) struct WordFinder<'a> {
+    pub(super) ink: &'a Ink,
+    pub(super) network: &'a Network,
+    pub(super) shapes: &'a [Shape],
+}
+
+impl WordFinder<'_> {
+    /// The words in one direction of reading. Some are wrong: their shapes may also be words in the other.
+    pub(super) fn find(&self, reading: Reading) -> Vec<FoundWord> {
+        let groups = self.groups(reading);
+        groups.into_iter().flat_map(|group| self.words_of(&group, reading)).collect()
+    }
+
+    /// Box of a shape in the frame of the reader.
+    fn bounds(&self, shape: usize, reading: Reading) -> PixelBox {
+        let own = self.shapes[shape].bounds;
+        let top = self.ink.rows as f32 - 1.0;
+        match reading {
+            Reading::Rightwards => own,
+            Reading::Upwards => {
+                PixelBox { low: [top - own.high[1], own.low[0]], high: [top - own.low[1], own.high[0]] }
+            }
+        }
+    }
+
+    /// Shapes beside each other on a line.
+    fn groups(&self, reading: Reading) -> Vec<Vec<usize>> {
+        let mut boxes: Vec<(usize, PixelBox)> = (0..self.shapes.len())
+            .map(|k| (k, self.bounds(k, reading)))
+            .filter(|(_, b)| b.size(0).max(b.size(1)) <= WIDEST * GLYPH_HEIGHT.end())
+            .filter(|(_, b)| b.size(1) <= *GLYPH_HEIGHT.end())
+            .collect();
+        boxes.sort_by(|a, b| a.1.low[0].total_cmp(&b.1.low[0]));
+        let reach = WIDEST_GAP * GLYPH_HEIGHT.end();
+        let mut parents: Vec<usize> = (0..boxes.len()).collect();
+        for (i, (_, own)) in boxes.iter().enumerate() {
+            for (j, (_, next)) in boxes.iter().enumerate().skip(i + 1) {
+                // Boxes are sorted by their left sides.
+                if next.low[0] - own.high[0] > reach {
+                    break;
+                }
+                if belong_together(own, next) {
+                    let [a, b] = [top(&mut parents, i), top(&mut parents, j)];
+                    parents[a.max(b)] = a.min(b);
+                }
+            }
+        }
+        let mut groups: Vec<Vec<usize>> = vec![Vec::new(); boxes.len()];
+        for (k, (shape, _)) in boxes.iter().enumerate() {
+            groups[top(&mut parents, k)].push(*shape);
+        }
+        let has_core = |g: &Vec<usize>| g.iter().any(|k| is_core(&self.bounds(*k, reading)));
+        groups.retain(|g| (1..=LONGEST).contains(&g.len()) && has_core(g));
+        groups
+    }
+
+    fn words_of(&self, group: &[usize], reading: Reading) -> Vec<FoundWord> {
+        let patch = |k: &usize| Some((*k, Patch::of(self.ink, &[&self.shapes[*k]], reading)?));
+        let parts: Vec<(usize, Patch)> = group.iter().filter_map(patch).collect();
+        let boxes: Vec<PixelBox> = parts.iter().map(|(_, p)| p.bounds).collect();
+        let Some(line) = line_of(&boxes) else { return Vec::new() };
+        let mut cut: Vec<Part> = Vec::new();
+        for (shape, patch) in parts {
+            cut.extend(self.cut(patch, &line).into_iter().map(|patch| Part { patch, shape }));
+        }
+        cut.sort_by(|a, b| a.patch.bounds.low[0].total_cmp(&b.patch.bounds.low[0]));
+        let spans = self.spans(&cut, &line);
+        let chosen = best_path(cut.len(), &spans);
+        self.split(&cut, &spans, &chosen, line, reading)
+    }
+
+    /// A shape, or its parts where glyphs may touch.
+    fn cut(&self, patch: Patch, line: &Line) -> Vec<Patch> {
+        /// A shape that is a glyph with this probability is not cut.
+        const CLEAR: f32 = 0.8;
+        const MAX_CUTS: usize = 8;
+        let bounds = patch.bounds;
+        if bounds.size(0) < 0.5 * line.height || bounds.size(1) < SMALL * line.height {
+            return vec![patch];
+        }
+        let chances = self.network.chances(&patch.glyph(line));
+        if best_glyph(&chances).1 >= CLEAR {
+            return vec![patch];
+        }
+        let sums = patch.column_sums();
+        let margin = 0.12 * line.height;
+        let lowest = |k: usize| {
+            let (x, sum) = sums[k];
+            let around = &sums[k.saturating_sub(2)..(k + 3).min(sums.len())];
+            let inside = x > bounds.low[0] + margin && x < bounds.high[0] - margin;
+            (inside && around.iter().all(|(_, other)| sum <= *other)).then_some((x, sum))
+        };
+        let mut places: Vec<(f32, f32)> = (0..sums.len()).filter_map(lowest).collect();
+        places.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let mut cuts: Vec<f32> = Vec::new();
+        for (x, sum) in places {
+            let apart = cuts.iter().all(|c| (c - x).abs() >= margin);
+            if apart && sum <= 0.5 * line.height && cuts.len() < MAX_CUTS {
+                cuts.push(x);
+            }
+        }
+        cuts.sort_by(f32::total_cmp);
+        cuts.push(f32::MAX);
+        let mut left = 0.0;
+        let mut found = Vec::new();
+        for right in cuts {
+            found.extend(patch.part(left, right));
+            left = right;
+        }
+        found
+    }
+
+    /// What consecutive parts are as one glyph.
+    fn spans(&self, parts: &[Part], line: &Line) -> Vec<Span> {
+        let mut spans = Vec::new();
+        for first in 0..parts.len() {
+            let mut bounds = parts[first].patch.bounds;
+            for last in first..(first + MOST_PARTS).min(parts.len()) {
+                let own = parts[last].patch.bounds;
+                if last > first && own.low[0] - bounds.high[0] > GAP_INSIDE * line.height {
+                    break;
+                }
+                bounds = bounds.joined(&own);
+                if last > first && bounds.size(0) > WIDEST_GLYPH * line.height {
+                    break;
+                }
+                let together: Vec<&Patch> = parts[first..=last].iter().map(|p| &p.patch).collect();
+                let glyph = match together[..] {
+                    [one] => one.glyph(line),
+                    _ => Patch::joined(&together).glyph(line),
+                };
+                spans.push(Span { first, last, bounds, chances: self.network.chances(&glyph) });
+            }
+        }
+        spans
+    }
+
+    /// Words of the chosen spans, split at parts that are no glyphs.
+    fn split(
+        &self,
+        parts: &[Part],
+        spans: &[Span],
+        chosen: &[usize],
+        line: Line,
+        reading: Reading,
+    ) -> Vec<FoundWord> {
+        let mut words = Vec::new();
+        let mut current: Vec<&Span> = Vec::new();
+        let mut has_unread = false;
+        let mut next = 0;
+        let close = |current: &mut Vec<&Span>, has_unread: &mut bool, words: &mut Vec<FoundWord>| {
+            let spans = std::mem::take(current);
+            let unread = std::mem::take(has_unread);
+            words.extend(word(&spans, parts, line, reading, unread));
+        };
+        for k in chosen {
+            let span = &spans[*k];
+            for skipped in &parts[next..span.first] {
+                let bounds = skipped.patch.bounds;
+                let size = bounds.size(0).max(bounds.size(1)) / line.height;
+                if size > SMALL {
+                    close(&mut current, &mut has_unread, &mut words);
+                } else if !current.is_empty() && size > 0.06 {
+                    has_unread = true;
+                }
+            }
+            current.push(span);
+            next = span.last + 1;
+        }
+        close(&mut current, &mut has_unread, &mut words);
+        words
+    }
+}
+
+/// Consecutive parts as one glyph.
+struct Span {
+    first: usize,
+    last: usize,
+    bounds: PixelBox,
+    chances: [f32; CLASS_COUNT],
+}
+
+/// Whether glyphs on both sides of a word's line may have this box.
+fn is_core(bounds: &PixelBox) -> bool {
+    bounds.size(1) >= *GLYPH_HEIGHT.start() && bounds.size(0) <= WIDEST * bounds.size(1)
+}
+
+/// Whether two shapes, the first with the smaller left side, are beside each other in a word.
+fn belong_together(a: &PixelBox, b: &PixelBox) -> bool {
+    let (high, low) = if a.size(1) >= b.size(1) { (a, b) } else { (b, a) };
+    let height = high.size(1);
+    if !is_core(high) || height > *GLYPH_HEIGHT.end() {
+        return false;
+    }
+    let gap = b.low[0] - a.high[0] - 1.0;
+    if is_core(low) && low.size(1) >= SMALL * height && height <= HEIGHT_RATIO * low.size(1) {
+        let overlap = high.high[1].min(low.high[1]) - high.low[1].max(low.low[1]) + 1.0;
+        return gap <= WIDEST_GAP * height && overlap >= 0.5 * low.size(1);
+    }
+    let is_inside = low.low[1] >= high.low[1] - 0.5 * height && low.high[1] <= high.high[1] + 0.4 * height;
+    low.size(1) < SMALL * height && low.size(0) <= 0.9 * height && gap <= 0.5 * height && is_inside
+}
+
+fn top(parents: &mut [usize], mut at: usize) -> usize {
+    while parents[at] != at {
+        parents[at] = parents[parents[at]];
+        at = parents[at];
+    }
+    at
+}
+
+/// Height and baseline of the high shapes of a word.
+fn line_of(boxes: &[PixelBox]) -> Option<Line> {
+    /// Small letters without ascenders have 0.7; parentheses are 1.3 times as high as capitals.
+    const HIGH: f32 = 0.74;
+    /// Steepest baseline: a page tilted by 3°.
+    const STEEPEST: f32 = 0.06;
+    let highest = boxes.iter().filter(|b| is_core(b)).map(|b| b.size(1)).fold(0.0, f32::max);
+    let high: Vec<&PixelBox> = boxes.iter().filter(|b| b.size(1) >= HIGH * highest).collect();
+    let height = median(high.iter().map(|b| b.size(1)).collect())?;
+    let feet: Vec<[f32; 2]> = high.iter().map(|b| [b.middle(0), b.high[1] + 0.5]).collect();
+    let mut slopes = Vec::new();
+    for (k, a) in feet.iter().enumerate() {
+        let far = feet[k + 1..].iter().filter(|b| (b[0] - a[0]).abs() >= 2.0 * height);
+        slopes.extend(far.map(|b| (b[1] - a[1]) / (b[0] - a[0])));
+    }
+    let slope = median(slopes).unwrap_or(0.0).clamp(-STEEPEST, STEEPEST);
+    let base = median(feet.iter().map(|p| p[1] - slope * p[0]).collect())?;
+    Some(Line { height, base: [base, slope] })
+}
+
+fn median(mut values: Vec<f32>) -> Option<f32> {
+    let at = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
+}
+
+/// The most probable glyph, and its probability.
+fn best_glyph(chances: &[f32; CLASS_COUNT]) -> (usize, f32) {
+    let of_glyphs = chances[..NO_GLYPH].iter().copied().enumerate();
+    of_glyphs.fold((0, 0.0), |best, own| if own.1 > best.1 { own } else { best })
+}
+
+/// The spans that explain the parts best; parts between them are skipped.
+fn best_path(parts: usize, spans: &[Span]) -> Vec<usize> {
+    let mut best: Vec<(f32, Option<usize>)> = vec![(0.0, None); parts + 1];
+    for end in 1..=parts {
+        best[end] = (best[end - 1].0 + SKIPPED, None);
+        for (k, span) in spans.iter().enumerate().filter(|(_, s)| s.last + 1 == end) {
+            let score = best[span.first].0 + best_glyph(&span.chances).1.max(1e-9).ln();
+            if score > best[end].0 {
+                best[end] = (score, Some(k));
+            }
+        }
+    }
+    let mut path = Vec::new();
+    let mut end = parts;
+    while end > 0 {
+        match best[end].1 {
+            Some(k) => {
+                path.push(k);
+                end = spans[k].first;
+            }
+            None => end -= 1,
+        }
+    }
+    path.reverse();
+    path
+}
+
+fn word(spans: &[&Span], parts: &[Part], line: Line, reading: Reading, has_unread: bool) -> Option<FoundWord> {
+    if spans.is_empty() {
+        return None;
+    }
+    let mut shapes: Vec<usize> =
+        spans.iter().flat_map(|s| parts[s.first..=s.last].iter().map(|p| p.shape)).collect();
+    shapes.sort_unstable();
+    shapes.dedup();
+    let chances: Vec<[f32; CLASS_COUNT]> = spans.iter().map(|s| s.chances).collect();
+    let glyph_chance = chances.iter().map(|c| f64::from(1.0 - c[NO_GLYPH])).sum::<f64>() / spans.len() as f64;
+    let score = chances.iter().map(|c| best_glyph(c).1.max(1e-9).ln() - SKIPPED).sum();
+    let glyphs = spans.iter().map(|s| s.bounds).collect();
+    Some(FoundWord { reading, read: read(&chances), line, glyphs, shapes, has_unread, glyph_chance, score })
+}
