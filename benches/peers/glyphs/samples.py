@@ -94,8 +94,11 @@ def glyph(font, char, height, rng, with_variants=False):
 
 
 def pair(font, rng, height):
-    """Two glyphs that touch."""
-    a, b = (glyph(font, rng.choice(list("0123456789ABRxm°Ø")), height, rng) for _ in range(2))
+    """Two glyphs that touch, or a glyph and a point."""
+    chars = [rng.choice(list("0123456789ABRxm°Ø")) for _ in range(2)]
+    if rng.random() < 0.5:
+        chars[rng.integers(2)] = rng.choice(list(".,"))
+    a, b = (glyph(font, c, height, rng) for c in chars)
     (ax, bx) = (np.nonzero(m.any(0))[0] for m in (a, b))
     if len(ax) == 0 or len(bx) == 0:
         return a
@@ -205,10 +208,10 @@ def main():
             height = random_height(rng)
             shown = drawn[rng.integers(len(drawn))]
             add(glyph(font, shown, height, rng, asked.part == "train"), height, label)
-    for _ in range(12 * asked.count):
+    for _ in range(14 * asked.count):
         group = groups[rng.integers(len(groups))]
         font, height, kind = group[rng.integers(len(group))], random_height(rng), rng.random()
-        mask = pair(font, rng, height) if kind < 0.35 else piece(font, rng, height) if kind < 0.5 else shape(rng, height)
+        mask = pair(font, rng, height) if kind < 0.45 else piece(font, rng, height) if kind < 0.58 else shape(rng, height)
         add(mask, height, REJECT)
     order = rng.permutation(len(labels))
     np.savez(asked.out, pictures=np.array(pictures)[order], places=np.array(places)[order], labels=np.array(labels)[order])

@@ -19,7 +19,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for word in found.words {
             let [x, y] = word.middle();
             let (text, sure, degrees) = (&word.text, word.confidence, word.angle_rad.to_degrees());
-            println!("{file}\t{text}\t{sure:.5}\t{x:.1}\t{y:.1}\t{degrees:.1}\t{:.1}\t{seconds:.3}", word.height);
+            println!(
+                "{file}\t{text}\t{sure:.5}\t{x:.1}\t{y:.1}\t{degrees:.1}\t{:.1}\t{seconds:.3}",
+                word.height
+            );
         }
     }
     Ok(())

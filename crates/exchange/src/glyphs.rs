@@ -20,6 +20,7 @@
 //!   network (section II) and the choice of cuts by the best path (section V).
 //! - Guo, Pleiss, Sun and Weinberger, *On calibration of modern neural networks*, 2017: temperature.
 
+mod arrows;
 mod grammar;
 mod ink;
 mod lines;
@@ -29,11 +30,13 @@ mod shape;
 mod tests;
 mod words;
 
+use crate::strokes::dimensions_between;
 use grammar::is_dimension;
 use ink::Ink;
+use lines::LineWork;
 use network::Network;
 use planish_sense::Image;
-use planish_solid::sheet::SheetText;
+use planish_solid::sheet::{SheetDimension, SheetText};
 use shape::{Reading, Shape, connected};
 use words::{FoundWord, WordFinder};
 
@@ -42,6 +45,8 @@ use words::{FoundWord, WordFinder};
 pub struct PictureText {
     /// Words, from the most to the least clear one.
     pub words: Vec<Word>,
+    /// Arrowheads of horizontal and vertical lines: their corners in pixels, the tip first.
+    pub arrowheads: Vec<[[f64; 2]; 3]>,
     /// Whether a pixel belongs to a word, row by row. Pixels of lines that cross a word are left out.
     pub mask: Vec<bool>,
 }
@@ -77,18 +82,29 @@ impl Word {
 }
 
 impl PictureText {
-    /// The words of at least a confidence, as texts of a drawing with y up.
+    /// The words of at least a confidence, as texts of a drawing in pixels with y up.
     ///
-    /// `rows`: height of the picture in pixels; `pixel`: size of a pixel in the unit of the drawing.
+    /// `rows`: height of the picture in pixels.
     #[must_use]
-    pub fn sheet_texts(&self, rows: usize, pixel: f64, confidence: f64) -> Vec<SheetText> {
+    pub fn sheet_texts(&self, rows: usize, confidence: f64) -> Vec<SheetText> {
         let sure = self.words.iter().filter(|w| w.confidence >= confidence);
-        let placed = sure.map(|word| {
-            let [x, y] = word.middle();
-            SheetText { at: [pixel * x, pixel * (rows as f64 - 1.0 - y)], text: word.text.clone() }
-        });
-        placed.collect()
+        sure.map(|word| SheetText { at: upwards(word.middle(), rows), text: word.text.clone() }).collect()
     }
+
+    /// Lengths between two arrowheads, in pixels, with the number of at least a confidence beside them.
+    ///
+    /// Tips are accurate to about a pixel; `rounding` knows the digits only.
+    #[must_use]
+    pub fn dimensions(&self, rows: usize, confidence: f64) -> Vec<SheetDimension> {
+        let heads: Vec<[[f64; 2]; 3]> =
+            self.arrowheads.iter().map(|corners| corners.map(|p| upwards(p, rows))).collect();
+        dimensions_between(&heads, &self.sheet_texts(rows, confidence))
+    }
+}
+
+/// A place in a picture as one in a drawing.
+fn upwards([x, y]: [f64; 2], rows: usize) -> [f64; 2] {
+    [x, rows as f64 - 1.0 - y]
 }
 
 /// Longest side of the shapes that may be glyphs, in pixels; larger ones are line work.
@@ -111,10 +127,9 @@ const IS_TEXT: f64 = 0.5;
 pub fn read_words(image: &Image) -> PictureText {
     let ink = Ink::of(image);
     let network = Network::new();
-    let (small, large): (Vec<Shape>, Vec<Shape>) =
-        connected(&ink.strokes(), ink.columns).into_iter().partition(is_small);
-    let mut shapes = small;
-    shapes.extend(beside_lines(&large, &ink));
+    let strokes = ink.strokes();
+    let lines = LineWork::of(&strokes, ink.columns);
+    let shapes = glyph_shapes(&ink, strokes, &lines.long);
     let finder = WordFinder { ink: &ink, network: &network, shapes: &shapes };
     let mut found = finder.find(Reading::Rightwards);
     found.extend(finder.find(Reading::Upwards));
@@ -125,23 +140,16 @@ pub fn read_words(image: &Image) -> PictureText {
     }
     let mut words: Vec<Word> = found.iter().map(|w| placed(w, ink.rows)).collect();
     words.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-    PictureText { words, mask }
+    PictureText { words, arrowheads: lines.arrowheads, mask }
 }
 
-fn is_small(shape: &Shape) -> bool {
-    shape.bounds.size(0).max(shape.bounds.size(1)) <= LARGEST_GLYPH
-}
-
-/// What is left of line work without its long lines, as far as it is small.
-fn beside_lines(large: &[Shape], ink: &Ink) -> Vec<Shape> {
-    let mut mask = vec![false; ink.values.len()];
-    for run in large.iter().flat_map(|s| &s.runs) {
-        let row = run.row as usize * ink.columns;
-        mask[row + run.first as usize..=row + run.last as usize].fill(true);
-    }
-    let lines = lines::long_lines(&mask, ink.columns);
-    mask.iter_mut().zip(lines).for_each(|(pixel, line)| *pixel &= !line);
-    connected(&mask, ink.columns).into_iter().filter(is_small).collect()
+/// What may be a glyph or a part of one: small shapes, also those that long lines connect, and faint points.
+fn glyph_shapes(ink: &Ink, mut mask: Vec<bool>, long_lines: &[bool]) -> Vec<Shape> {
+    mask.iter_mut().zip(long_lines).for_each(|(pixel, line)| *pixel &= !line);
+    let is_small = |s: &Shape| s.bounds.size(0).max(s.bounds.size(1)) <= LARGEST_GLYPH;
+    let mut shapes: Vec<Shape> = connected(&mask, ink.columns).into_iter().filter(is_small).collect();
+    shapes.extend(ink.faint_points());
+    shapes
 }
 
 /// The words that explain their shapes best; each shape belongs to one word.
@@ -168,7 +176,8 @@ fn has_letter_or_digit(word: &FoundWord) -> bool {
 /// Marks the pixels of a shape and its antialiased rim.
 fn paint(shape: &Shape, ink: &Ink, mask: &mut [bool]) {
     for run in &shape.runs {
-        let [first, last] = [(run.first as usize).saturating_sub(1), (run.last as usize + 1).min(ink.columns - 1)];
+        let [first, last] =
+            [(run.first as usize).saturating_sub(1), (run.last as usize + 1).min(ink.columns - 1)];
         let row = run.row as usize;
         for y in row.saturating_sub(1)..=(row + 1).min(ink.rows - 1) {
             mask[y * ink.columns + first..=y * ink.columns + last].fill(true);
@@ -205,5 +214,8 @@ fn placed(found: &FoundWord, rows: usize) -> Word {
 /// Probability that a word is right.
 fn confidence(found: &FoundWord) -> f64 {
     let unread = if found.has_unread { 0.1 } else { 1.0 };
-    found.read.probability * found.glyph_chance * unread
+    // Corners and crossings of lines look like `T`, `L` and `H`, and holes like `0`.
+    let is_lone = matches!(found.read.characters[..], [c] if c == '0' || !c.is_ascii_digit());
+    let lone = if is_lone { 0.5 } else { 1.0 };
+    found.read.probability * found.glyph_chance * unread * lone
 }

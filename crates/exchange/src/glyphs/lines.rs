@@ -1,4 +1,7 @@
-//! Finds long straight lines, so that texts that touch them can be read.
+//! Finds long straight lines, so that texts that touch them can be read, and arrowheads at ends of lines.
+
+use super::arrows::{MaskView, arrowheads_of};
+use planish_solid::views::distance;
 
 /// Thickest line in pixels.
 const THICKEST: usize = 10;
@@ -6,55 +9,81 @@ const THICKEST: usize = 10;
 const SHORTEST: usize = 70;
 /// Longest part of a line that is hidden by glyphs.
 const LONGEST_GAP: usize = 60;
+/// Distance of corners of one arrowhead that was found twice, in pixels.
+const SAME_HEAD: f64 = 3.0;
 /// Maximum distance of two parts from each other's direction, in pixels.
 const OFFSET: f32 = 1.5;
 
-/// Marks the pixels of long lines along rows or columns (± 3°), except where strokes cross them.
-pub(super) fn long_lines(mask: &[bool], columns: usize) -> Vec<bool> {
-    let rows = mask.len() / columns;
-    let mut marked = vec![false; mask.len()];
-    for transposed in [false, true] {
-        let (length, across) = if transposed { (rows, columns) } else { (columns, rows) };
-        let index = |along: usize, across: usize| match transposed {
-            true => along * columns + across,
-            false => across * columns + along,
-        };
-        let chains = chains(length, across, |along, at| mask[index(along, at)]);
-        for band in joined(chains) {
-            band.mark(across, |along, at| mask[index(along, at)], |along, at| marked[index(along, at)] = true);
+/// Straight lines along rows and columns (± 3°).
+pub(super) struct LineWork {
+    /// Pixels of long lines, except where strokes touch them.
+    pub(super) long: Vec<bool>,
+    /// Arrowheads at the ends of lines: their corners in pixels, the tip first.
+    pub(super) arrowheads: Vec<[[f64; 2]; 3]>,
+}
+
+impl LineWork {
+    pub(super) fn of(mask: &[bool], columns: usize) -> Self {
+        let rows = mask.len() / columns;
+        let mut found = Self { long: vec![false; mask.len()], arrowheads: Vec::new() };
+        for transposed in [false, true] {
+            let (length, across) = if transposed { (rows, columns) } else { (columns, rows) };
+            let index = |along: usize, across: usize| match transposed {
+                true => along * columns + across,
+                false => across * columns + along,
+            };
+            let is_ink = |along, at| mask[index(along, at)];
+            let chains = chains(length, across, is_ink);
+            let view = MaskView { length, across, is_ink };
+            let heads = chains.iter().flat_map(|chain| arrowheads_of(chain, &view));
+            let place = |p: [f64; 2]| if transposed { [p[1], p[0]] } else { p };
+            for corners in heads.map(|corners| corners.map(place)) {
+                // Parts of a line that glyphs divide find the same arrowhead.
+                let is_known = |own: &[[f64; 2]; 3]| (0..3).all(|k| distance(own[k], corners[k]) < SAME_HEAD);
+                if !found.arrowheads.iter().any(is_known) {
+                    found.arrowheads.push(corners);
+                }
+            }
+            for band in joined(chains) {
+                band.mark(across, is_ink, |along, at| found.long[index(along, at)] = true);
+            }
         }
+        found
     }
-    marked
 }
 
 /// Part of a line: for every step along it the first and the last pixel across.
-struct Chain {
-    first: usize,
-    bands: Vec<(u32, u32)>,
+pub(super) struct Chain {
+    pub(super) first: usize,
+    pub(super) bands: Vec<(u32, u32)>,
 }
 
 impl Chain {
-    fn middle(&self, k: usize) -> f32 {
+    pub(super) fn middle(&self, k: usize) -> f32 {
         0.5 * (self.bands[k].0 + self.bands[k].1) as f32
     }
 
-    fn end(&self) -> usize {
+    pub(super) fn end(&self) -> usize {
         self.first + self.bands.len()
     }
 
     /// Slope of the line through the middles of its quarters.
-    fn slope(&self) -> f32 {
+    pub(super) fn slope(&self) -> f32 {
         let quarter = self.bands.len() / 4;
-        let mean = |from: usize| (from..from + quarter.max(1)).map(|k| self.middle(k)).sum::<f32>() / quarter.max(1) as f32;
-        (mean(self.bands.len() - quarter.max(1)) - mean(0)) / (self.bands.len() - quarter.max(1)).max(1) as f32
+        let mean = |from: usize| {
+            (from..from + quarter.max(1)).map(|k| self.middle(k)).sum::<f32>() / quarter.max(1) as f32
+        };
+        (mean(self.bands.len() - quarter.max(1)) - mean(0))
+            / (self.bands.len() - quarter.max(1)).max(1) as f32
     }
 
-    /// Marks the pixels of the line unless a stroke goes on beyond both of its sides.
+    /// Marks the pixels of the line where no stroke goes on beside it.
     fn mark(&self, across: usize, is_ink: impl Fn(usize, usize) -> bool, mut mark: impl FnMut(usize, usize)) {
         for (k, (low, high)) in self.bands.iter().enumerate() {
             let [along, low, high] = [self.first + k, *low as usize, *high as usize];
-            let crossed = low > 0 && high + 1 < across && is_ink(along, low - 1) && is_ink(along, high + 1);
-            if !crossed {
+            let is_touched =
+                (low > 0 && is_ink(along, low - 1)) || (high + 1 < across && is_ink(along, high + 1));
+            if !is_touched {
                 (low..=high).for_each(|at| mark(along, at));
             }
         }

@@ -161,7 +161,13 @@ impl Patch {
         Self::turned(values, columns, low, ink.rows, reading)
     }
 
-    fn turned(values: Vec<f32>, columns: usize, low: [usize; 2], rows: usize, reading: Reading) -> Option<Self> {
+    fn turned(
+        values: Vec<f32>,
+        columns: usize,
+        low: [usize; 2],
+        rows: usize,
+        reading: Reading,
+    ) -> Option<Self> {
         let height = values.len() / columns;
         let (columns, values, origin) = match reading {
             Reading::Rightwards => (columns, values, low.map(|v| v as f32)),
@@ -212,9 +218,7 @@ impl Patch {
     pub(super) fn joined(patches: &[&Self]) -> Self {
         let bounds = patches.iter().fold(PixelBox::NONE, |b, p| b.joined(&p.bounds));
         let low = [0, 1].map(|c| patches.iter().map(|p| p.origin[c]).fold(f32::MAX, f32::min));
-        let end = |p: &Self, c: usize| {
-            p.origin[c] + [p.columns, p.values.len() / p.columns][c] as f32
-        };
+        let end = |p: &Self, c: usize| p.origin[c] + [p.columns, p.values.len() / p.columns][c] as f32;
         let size = [0, 1].map(|c| (patches.iter().map(|p| end(p, c)).fold(0.0, f32::max) - low[c]) as usize);
         let mut values = vec![0.0_f32; size[0] * size[1]];
         for patch in patches {
@@ -244,7 +248,8 @@ impl Patch {
         let bounds = &self.bounds;
         let scale = INNER / bounds.size(0).max(bounds.size(1));
         let fine = (1.0 / scale).ceil().clamp(1.0, 6.0) as usize;
-        let step = |k: usize, f: usize| (k as f32 + (f as f32 + 0.5) / fine as f32 - GRID as f32 / 2.0) / scale;
+        let step =
+            |k: usize, f: usize| (k as f32 + (f as f32 + 0.5) / fine as f32 - GRID as f32 / 2.0) / scale;
         let mut cells = Vec::with_capacity(GRID * GRID);
         for row in 0..GRID {
             for column in 0..GRID {

@@ -1,7 +1,7 @@
 //! Joins shapes to words and finds the glyphs of a word.
 
 use super::grammar::{ReadWord, read};
-use super::ink::Ink;
+use super::ink::{Ink, STROKE};
 use super::network::{CLASS_COUNT, NO_GLYPH, Network};
 use super::shape::{Line, Patch, PixelBox, Reading, Shape};
 
@@ -9,8 +9,8 @@ use super::shape::{Line, Patch, PixelBox, Reading, Shape};
 const GLYPH_HEIGHT: std::ops::RangeInclusive<f32> = 6.0..=100.0;
 /// Glyphs that touch make shapes up to this times as wide as high.
 const WIDEST: f32 = 4.0;
-/// Maximum gap between glyphs in heights: digits of fonts of equal advance have 0.6 around a point.
-const WIDEST_GAP: f32 = 0.65;
+/// Maximum gap between glyphs in heights: digits of fonts of equal advance have 0.7 around a point.
+const WIDEST_GAP: f32 = 0.8;
 /// Heights of glyphs of a word differ by at most this factor, apart from points and the like.
 const HEIGHT_RATIO: f32 = 2.2;
 /// Height of points, dashes and rings relative to the glyphs beside them.
@@ -22,6 +22,10 @@ const MOST_PARTS: usize = 5;
 /// Maximum width of a glyph and maximum gap between its parts in heights.
 const WIDEST_GLYPH: f32 = 1.7;
 const GAP_INSIDE: f32 = 0.12;
+/// Class of `-`.
+const DASH: usize = 13;
+/// Ink between two glyphs that is more than noise and blur.
+const UNREAD_INK: f32 = 0.2;
 /// Logarithm of the probability below which a part is rather no glyph at all.
 const SKIPPED: f32 = -3.0;
 
@@ -46,6 +50,8 @@ pub(super) struct FoundWord {
 struct Part {
     patch: Patch,
     shape: usize,
+    /// Whether it is a part of a shape.
+    is_cut: bool,
 }
 
 /// What makes words of shapes.
@@ -112,7 +118,9 @@ impl WordFinder<'_> {
         let Some(line) = line_of(&boxes) else { return Vec::new() };
         let mut cut: Vec<Part> = Vec::new();
         for (shape, patch) in parts {
-            cut.extend(self.cut(patch, &line).into_iter().map(|patch| Part { patch, shape }));
+            let pieces = self.cut(patch, &line);
+            let is_cut = pieces.len() > 1;
+            cut.extend(pieces.into_iter().map(|patch| Part { patch, shape, is_cut }));
         }
         cut.sort_by(|a, b| a.patch.bounds.low[0].total_cmp(&b.patch.bounds.low[0]));
         let spans = self.spans(&cut, &line);
@@ -180,7 +188,12 @@ impl WordFinder<'_> {
                     [one] => one.glyph(line),
                     _ => Patch::joined(&together).glyph(line),
                 };
-                spans.push(Span { first, last, bounds, chances: self.network.chances(&glyph) });
+                let mut chances = self.network.chances(&glyph);
+                // Dashes do not touch glyphs; pieces of dimension lines look like them.
+                if first == last && parts[first].is_cut {
+                    chances[NO_GLYPH] += std::mem::take(&mut chances[DASH]);
+                }
+                spans.push(Span { first, last, bounds, chances });
             }
         }
         spans
@@ -195,31 +208,53 @@ impl WordFinder<'_> {
         line: Line,
         reading: Reading,
     ) -> Vec<FoundWord> {
-        let mut words = Vec::new();
-        let mut current: Vec<&Span> = Vec::new();
-        let mut has_unread = false;
+        let is_dash = |k: &usize| best_glyph(&spans[*k].chances).0 == DASH;
+        let mut words: Vec<Vec<&Span>> = vec![Vec::new()];
         let mut next = 0;
-        let close = |current: &mut Vec<&Span>, has_unread: &mut bool, words: &mut Vec<FoundWord>| {
-            let spans = std::mem::take(current);
-            let unread = std::mem::take(has_unread);
-            words.extend(word(&spans, parts, line, reading, unread));
-        };
-        for k in chosen {
+        for (at, k) in chosen.iter().enumerate() {
             let span = &spans[*k];
-            for skipped in &parts[next..span.first] {
-                let bounds = skipped.patch.bounds;
-                let size = bounds.size(0).max(bounds.size(1)) / line.height;
-                if size > SMALL {
-                    close(&mut current, &mut has_unread, &mut words);
-                } else if !current.is_empty() && size > 0.06 {
-                    has_unread = true;
-                }
+            let too_large =
+                |part: &Part| part.patch.bounds.size(0).max(part.patch.bounds.size(1)) > SMALL * line.height;
+            // Two dashes in a row are parts of a line.
+            let is_line = is_dash(k)
+                && [at.wrapping_sub(1), at + 1].iter().any(|n| chosen.get(*n).is_some_and(is_dash));
+            if is_line || parts[next..span.first].iter().any(too_large) {
+                words.push(Vec::new());
             }
-            current.push(span);
             next = span.last + 1;
+            if let Some(word) = words.last_mut().filter(|_| !is_line) {
+                word.push(span);
+            }
         }
-        close(&mut current, &mut has_unread, &mut words);
-        words
+        let trimmed = words.iter().map(|word| {
+            let dash = |s: &&Span| best_glyph(&s.chances).0 == DASH;
+            let first = word.iter().take_while(|s| dash(s)).count();
+            let last = word.iter().rev().take_while(|s| dash(s)).count();
+            &word[first..word.len().saturating_sub(last).max(first)]
+        });
+        trimmed
+            .filter_map(|spans| word(spans, parts, line, reading, self.has_unread(spans, &line, reading)))
+            .collect()
+    }
+
+    /// Whether there is ink between the glyphs of a word, or beside it where a dimension line would not be.
+    fn has_unread(&self, spans: &[&Span], line: &Line, reading: Reading) -> bool {
+        /// Columns beside a word that are looked at, in heights: glyphs of the word would be there.
+        const BESIDE: f32 = 0.45;
+        let ink = |left: f32, right: f32, high: f32, low: f32| {
+            let base = line.base_at(0.5 * (left + right));
+            let rows = [base - high * line.height, base - low * line.height];
+            if left <= right { self.ink.strongest([left, rows[0]], [right, rows[1]], reading) } else { 0.0 }
+        };
+        let between = |pair: &[&Span]| {
+            ink(pair[0].bounds.high[0] + 2.0, pair[1].bounds.low[0] - 2.0, 0.9, -0.3) > UNREAD_INK
+        };
+        let beside =
+            |left: f32, right: f32| ink(left, right, 0.95, 0.68).max(ink(left, right, 0.32, 0.0)) > STROKE;
+        let reach = BESIDE * line.height;
+        let first = spans.first().is_some_and(|s| beside(s.bounds.low[0] - reach, s.bounds.low[0] - 2.0));
+        let last = spans.last().is_some_and(|s| beside(s.bounds.high[0] + 2.0, s.bounds.high[0] + reach));
+        first || last || spans.windows(2).any(between)
     }
 }
 
@@ -249,7 +284,7 @@ fn belong_together(a: &PixelBox, b: &PixelBox) -> bool {
         return gap <= WIDEST_GAP * height && overlap >= 0.5 * low.size(1);
     }
     let is_inside = low.low[1] >= high.low[1] - 0.5 * height && low.high[1] <= high.high[1] + 0.4 * height;
-    low.size(1) < SMALL * height && low.size(0) <= 0.9 * height && gap <= 0.5 * height && is_inside
+    low.size(1) < SMALL * height && low.size(0) <= 0.9 * height && gap <= WIDEST_GAP * height && is_inside
 }
 
 fn top(parents: &mut [usize], mut at: usize) -> usize {
@@ -318,7 +353,13 @@ fn best_path(parts: usize, spans: &[Span]) -> Vec<usize> {
     path
 }
 
-fn word(spans: &[&Span], parts: &[Part], line: Line, reading: Reading, has_unread: bool) -> Option<FoundWord> {
+fn word(
+    spans: &[&Span],
+    parts: &[Part],
+    line: Line,
+    reading: Reading,
+    has_unread: bool,
+) -> Option<FoundWord> {
     if spans.is_empty() {
         return None;
     }

@@ -19,7 +19,7 @@ struct Arrow {
 }
 
 /// The dimensions that arrowheads and texts show.
-pub(super) fn between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText]) -> Vec<SheetDimension> {
+pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText]) -> Vec<SheetDimension> {
     let arrows: Vec<Arrow> = triangles.iter().take(MAX_ARROWS).filter_map(arrow).collect();
     let stated: Vec<([f64; 2], (f64, f64))> =
         texts.iter().filter_map(|text| Some((text.at, stated_length(&text.text)?))).collect();
