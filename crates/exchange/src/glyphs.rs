@@ -37,7 +37,7 @@ use lines::LineWork;
 use network::Network;
 use planish_sense::Image;
 use planish_solid::sheet::{SheetDimension, SheetText};
-use shape::{Reading, Shape, connected};
+use shape::{Reading, Run, Shape, connected};
 use words::{FoundWord, WordFinder};
 
 /// Texts of a picture.
@@ -129,7 +129,7 @@ pub fn read_words(image: &Image) -> PictureText {
     let network = Network::new();
     let strokes = ink.strokes();
     let lines = LineWork::of(&strokes, ink.columns);
-    let shapes = glyph_shapes(&ink, strokes, &lines.long);
+    let shapes = glyph_shapes(&ink, strokes, &lines);
     let finder = WordFinder { ink: &ink, network: &network, shapes: &shapes };
     let mut found = finder.find(Reading::Rightwards);
     found.extend(finder.find(Reading::Upwards));
@@ -144,10 +144,14 @@ pub fn read_words(image: &Image) -> PictureText {
 }
 
 /// What may be a glyph or a part of one: small shapes, also those that long lines connect, and faint points.
-fn glyph_shapes(ink: &Ink, mut mask: Vec<bool>, long_lines: &[bool]) -> Vec<Shape> {
-    mask.iter_mut().zip(long_lines).for_each(|(pixel, line)| *pixel &= !line);
-    let is_small = |s: &Shape| s.bounds.size(0).max(s.bounds.size(1)) <= LARGEST_GLYPH;
-    let mut shapes: Vec<Shape> = connected(&mask, ink.columns).into_iter().filter(is_small).collect();
+fn glyph_shapes(ink: &Ink, mut mask: Vec<bool>, lines: &LineWork) -> Vec<Shape> {
+    mask.iter_mut().zip(&lines.long).for_each(|(pixel, line)| *pixel &= !line);
+    let middles = lines.arrowheads.iter().map(|c| [0, 1].map(|k| (c[0][k] + c[1][k] + c[2][k]) / 3.0));
+    let heads: Vec<[u32; 2]> = middles.map(|p| p.map(|c| c.round().max(0.0) as u32)).collect();
+    let is_head = |run: &Run| heads.iter().any(|[x, y]| *y == run.row && (run.first..=run.last).contains(x));
+    let is_glyph =
+        |s: &Shape| s.bounds.size(0).max(s.bounds.size(1)) <= LARGEST_GLYPH && !s.runs.iter().any(is_head);
+    let mut shapes: Vec<Shape> = connected(&mask, ink.columns).into_iter().filter(is_glyph).collect();
     shapes.extend(ink.faint_points());
     shapes
 }

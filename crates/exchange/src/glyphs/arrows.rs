@@ -11,6 +11,10 @@ const BEYOND: usize = 80;
 const WIDEST: usize = 40;
 /// Length of arrowheads in widths of their base.
 const SLENDERNESS: std::ops::RangeInclusive<f64> = 1.2..=8.0;
+/// Slope of lines along rows or columns of a page tilted by up to 3°. Strokes of letters such as `4` are steeper.
+const STEEPEST: f64 = 0.06;
+/// Maximum distance of the middle of a base from the line, in widths of the base.
+const ASYMMETRY: f64 = 0.1;
 
 /// A mask as seen along a line.
 pub(super) struct MaskView<F: Fn(usize, usize) -> bool> {
@@ -47,6 +51,9 @@ pub(super) fn arrowheads_of<F: Fn(usize, usize) -> bool>(
     widths.sort_unstable();
     let line = f64::from(widths[widths.len() / 2]);
     let slope = f64::from(chain.slope());
+    if slope.abs() > STEEPEST {
+        return Vec::new();
+    }
     let middle = f64::from(chain.middle(chain.bands.len() / 2));
     let centre = (chain.first + chain.bands.len() / 2) as f64;
     let axis = |along: f64| middle + slope * (along - centre);
@@ -68,6 +75,13 @@ pub(super) fn arrowheads_of<F: Fn(usize, usize) -> bool>(
             let first = profile[0].0 as f64;
             if forwards { first + step } else { first - step }
         };
+        // Flags of `1` and serifs are on one side.
+        let at = profile[base].0;
+        let (low, high) = view.run(at, axis(at as f64))?;
+        let off = 0.5 * (low + high) as f64 - axis(at as f64);
+        if off.abs() > 0.7 + ASYMMETRY * profile[base].1 {
+            return None;
+        }
         let half = 0.5 * profile[base].1;
         let corner = |step: f64, off: f64| [along(step), axis(along(step)) + off];
         Some([corner(tip, 0.0), corner(base as f64, -half), corner(base as f64, half)])

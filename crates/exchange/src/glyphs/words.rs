@@ -247,7 +247,7 @@ impl WordFinder<'_> {
             if left <= right { self.ink.strongest([left, rows[0]], [right, rows[1]], reading) } else { 0.0 }
         };
         let between = |pair: &[&Span]| {
-            ink(pair[0].bounds.high[0] + 2.0, pair[1].bounds.low[0] - 2.0, 0.9, -0.3) > UNREAD_INK
+            ink(pair[0].bounds.high[0] + 2.0, pair[1].bounds.low[0] - 2.0, 0.9, -0.12) > UNREAD_INK
         };
         let beside =
             |left: f32, right: f32| ink(left, right, 0.95, 0.68).max(ink(left, right, 0.32, 0.0)) > STROKE;
@@ -369,7 +369,9 @@ fn word(
     shapes.dedup();
     let chances: Vec<[f32; CLASS_COUNT]> = spans.iter().map(|s| s.chances).collect();
     let glyph_chance = chances.iter().map(|c| f64::from(1.0 - c[NO_GLYPH])).sum::<f64>() / spans.len() as f64;
-    let score = chances.iter().map(|c| best_glyph(c).1.max(1e-9).ln() - SKIPPED).sum();
+    // Cuts give more glyphs, but no more shapes are explained by them.
+    let sum: f32 = chances.iter().map(|c| best_glyph(c).1.max(1e-9).ln() - SKIPPED).sum();
+    let score = sum * shapes.len() as f32 / spans.len() as f32;
     let glyphs = spans.iter().map(|s| s.bounds).collect();
     Some(FoundWord { reading, read: read(&chances), line, glyphs, shapes, has_unread, glyph_chance, score })
 }
