@@ -47,7 +47,8 @@ pub struct PictureText {
     pub words: Vec<Word>,
     /// Arrowheads of horizontal and vertical lines: their corners in pixels, the tip first.
     pub arrowheads: Vec<[[f64; 2]; 3]>,
-    /// Whether a pixel belongs to a word, row by row. Pixels of lines that cross a word are left out.
+    /// Whether a pixel belongs to a word, row by row. Pixels of lines that cross a word are left out, as are
+    /// single letters and words with a confidence below 0.3, which may be line work.
     pub mask: Vec<bool>,
 }
 
@@ -112,6 +113,9 @@ const LARGEST_GLYPH: f32 = 110.0;
 /// Probability of being glyphs below which shapes are line work.
 const IS_TEXT: f64 = 0.5;
 
+/// Confidence from which the pixels of a word are no line work. What is erased wrongly is lost for views.
+const MASKED: f64 = 0.3;
+
 /// Reads the texts of a picture.
 ///
 /// # Examples
@@ -128,14 +132,15 @@ pub fn read_words(image: &Image) -> PictureText {
     let ink = Ink::of(image);
     let network = Network::new();
     let strokes = ink.strokes();
-    let lines = LineWork::of(&strokes, ink.columns);
+    let lines = LineWork::of(&ink, &strokes);
     let shapes = glyph_shapes(&ink, strokes, &lines);
     let finder = WordFinder { ink: &ink, network: &network, shapes: &shapes };
     let mut found = finder.find(Reading::Rightwards);
     found.extend(finder.find(Reading::Upwards));
     let found = without_overlaps(found, shapes.len());
     let mut mask = vec![false; ink.values.len()];
-    for shape in found.iter().flat_map(|w| &w.shapes) {
+    let is_sure = |w: &&FoundWord| !is_lone(w) && confidence(w) >= MASKED;
+    for shape in found.iter().filter(is_sure).flat_map(|w| &w.shapes) {
         paint(&shapes[*shape], &ink, &mut mask);
     }
     let mut words: Vec<Word> = found.iter().map(|w| placed(w, ink.rows)).collect();
@@ -218,8 +223,12 @@ fn placed(found: &FoundWord, rows: usize) -> Word {
 /// Probability that a word is right.
 fn confidence(found: &FoundWord) -> f64 {
     let unread = if found.has_unread { 0.1 } else { 1.0 };
-    // Corners and crossings of lines look like `T`, `L` and `H`, and holes like `0`.
-    let is_lone = matches!(found.read.characters[..], [c] if c == '0' || !c.is_ascii_digit());
-    let lone = if is_lone { 0.5 } else { 1.0 };
+    let lone = if is_lone(found) { 0.5 } else { 1.0 };
     found.read.probability * found.glyph_chance * unread * lone
+}
+
+/// Whether a word is a single character that line work looks like: corners and crossings like `T`, `L` and `H`,
+/// holes like `0`.
+fn is_lone(found: &FoundWord) -> bool {
+    matches!(found.read.characters[..], [c] if c == '0' || !c.is_ascii_digit())
 }

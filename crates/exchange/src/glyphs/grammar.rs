@@ -13,7 +13,7 @@ const DIMENSION: f64 = 1.0;
 const LETTERS: f64 = 0.3;
 const MIXED: f64 = 0.01;
 
-/// What a word reads, with the estimated probability that it is right.
+/// What a word reads, with the estimated probability that it is right; a comma for a point is right.
 pub(super) struct ReadWord {
     pub(super) characters: Vec<char>,
     pub(super) probability: f64,
@@ -47,9 +47,11 @@ pub(super) fn read(glyphs: &[[f32; CLASS_COUNT]]) -> ReadWord {
     let weighed = |(text, chance): &(Vec<char>, f64)| chance * prior(text);
     let total: f64 = readings.iter().map(weighed).sum::<f64>() + MIXED * (1.0 - covered);
     let best = readings.iter().max_by(|a, b| weighed(a).total_cmp(&weighed(b)));
-    best.map_or(ReadWord { characters: Vec::new(), probability: 0.0 }, |best| ReadWord {
-        characters: best.0.clone(),
-        probability: weighed(best) / total,
+    best.map_or(ReadWord { characters: Vec::new(), probability: 0.0 }, |(text, _)| {
+        // A decimal comma and a point state the same number.
+        let value = |text: &[char]| text.iter().map(|c| if *c == ',' { '.' } else { *c }).collect::<Vec<char>>();
+        let same = readings.iter().filter(|r| value(&r.0) == value(text)).map(weighed).sum::<f64>();
+        ReadWord { characters: text.clone(), probability: same / total }
     })
 }
 

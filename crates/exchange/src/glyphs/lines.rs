@@ -1,6 +1,7 @@
 //! Finds long straight lines, so that texts that touch them can be read, and arrowheads at ends of lines.
 
-use super::arrows::{MaskView, arrowheads_of};
+use super::arrows::{InkAlong, arrowheads_of};
+use super::ink::Ink;
 use planish_solid::views::distance;
 
 /// Thickest line in pixels.
@@ -23,8 +24,8 @@ pub(super) struct LineWork {
 }
 
 impl LineWork {
-    pub(super) fn of(mask: &[bool], columns: usize) -> Self {
-        let rows = mask.len() / columns;
+    pub(super) fn of(ink: &Ink, mask: &[bool]) -> Self {
+        let [columns, rows] = [ink.columns, ink.rows];
         let mut found = Self { long: vec![false; mask.len()], arrowheads: Vec::new() };
         for transposed in [false, true] {
             let (length, across) = if transposed { (rows, columns) } else { (columns, rows) };
@@ -34,7 +35,7 @@ impl LineWork {
             };
             let is_ink = |along, at| mask[index(along, at)];
             let chains = chains(length, across, is_ink);
-            let view = MaskView { length, across, is_ink };
+            let view = InkAlong { length, across, ink: |along, at| ink.values[index(along, at)] };
             let heads = chains.iter().flat_map(|chain| arrowheads_of(chain, &view));
             let place = |p: [f64; 2]| if transposed { [p[1], p[0]] } else { p };
             for corners in heads.map(|corners| corners.map(place)) {

@@ -115,31 +115,41 @@ impl WordFinder<'_> {
         let patch = |k: &usize| Some((*k, Patch::of(self.ink, &[&self.shapes[*k]], reading)?));
         let parts: Vec<(usize, Patch)> = group.iter().filter_map(patch).collect();
         let boxes: Vec<PixelBox> = parts.iter().map(|(_, p)| p.bounds).collect();
-        let Some(line) = line_of(&boxes) else { return Vec::new() };
-        let mut cut: Vec<Part> = Vec::new();
-        for (shape, patch) in parts {
-            let pieces = self.cut(patch, &line);
+        // Small letters without ascenders are nearly as high as capitals, and parentheses are higher: the
+        // better one of both heights of the line wins.
+        let best = lines_of(&boxes).into_iter().map(|line| {
+            let cut = self.parts(&parts, &line);
+            let spans = self.spans(&cut, &line);
+            let (chosen, score) = best_path(cut.len(), &spans);
+            (score, self.split(&cut, &spans, &chosen, line, reading))
+        });
+        best.max_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Vec::new, |(_, words)| words)
+    }
+
+    /// The shapes, cut where glyphs may touch, from left to right.
+    fn parts(&self, shapes: &[(usize, Patch)], line: &Line) -> Vec<Part> {
+        let mut parts: Vec<Part> = Vec::new();
+        for (shape, patch) in shapes {
+            let pieces = self.cut(patch, line);
             let is_cut = pieces.len() > 1;
-            cut.extend(pieces.into_iter().map(|patch| Part { patch, shape, is_cut }));
+            parts.extend(pieces.into_iter().map(|patch| Part { patch, shape: *shape, is_cut }));
         }
-        cut.sort_by(|a, b| a.patch.bounds.low[0].total_cmp(&b.patch.bounds.low[0]));
-        let spans = self.spans(&cut, &line);
-        let chosen = best_path(cut.len(), &spans);
-        self.split(&cut, &spans, &chosen, line, reading)
+        parts.sort_by(|a, b| a.patch.bounds.low[0].total_cmp(&b.patch.bounds.low[0]));
+        parts
     }
 
     /// A shape, or its parts where glyphs may touch.
-    fn cut(&self, patch: Patch, line: &Line) -> Vec<Patch> {
+    fn cut(&self, patch: &Patch, line: &Line) -> Vec<Patch> {
         /// A shape that is a glyph with this probability is not cut.
         const CLEAR: f32 = 0.8;
         const MAX_CUTS: usize = 8;
         let bounds = patch.bounds;
         if bounds.size(0) < 0.5 * line.height || bounds.size(1) < SMALL * line.height {
-            return vec![patch];
+            return vec![patch.clone()];
         }
         let chances = self.network.chances(&patch.glyph(line));
         if best_glyph(&chances).1 >= CLEAR {
-            return vec![patch];
+            return vec![patch.clone()];
         }
         let sums = patch.column_sums();
         let margin = 0.12 * line.height;
@@ -193,7 +203,8 @@ impl WordFinder<'_> {
                 if first == last && parts[first].is_cut {
                     chances[NO_GLYPH] += std::mem::take(&mut chances[DASH]);
                 }
-                spans.push(Span { first, last, bounds, chances });
+                let is_torn = first > 0 && overlap(&parts[first - 1].patch.bounds, &parts[first].patch.bounds);
+                spans.push(Span { first, last, bounds, chances, is_torn });
             }
         }
         spans
@@ -264,6 +275,14 @@ struct Span {
     last: usize,
     bounds: PixelBox,
     chances: [f32; CLASS_COUNT],
+    /// Whether it begins above or below the part before it, as the point of `i` does.
+    is_torn: bool,
+}
+
+/// Whether two shapes are above each other.
+fn overlap(a: &PixelBox, b: &PixelBox) -> bool {
+    let common = a.high[0].min(b.high[0]) - a.low[0].max(b.low[0]) + 1.0;
+    common > 0.6 * a.size(0).min(b.size(0))
 }
 
 /// Whether glyphs on both sides of a word's line may have this box.
@@ -295,14 +314,21 @@ fn top(parents: &mut [usize], mut at: usize) -> usize {
     at
 }
 
-/// Height and baseline of the high shapes of a word.
-fn line_of(boxes: &[PixelBox]) -> Option<Line> {
-    /// Small letters without ascenders have 0.7; parentheses are 1.3 times as high as capitals.
-    const HIGH: f32 = 0.74;
+/// Heights of the line and their baselines: of the highest shapes, and of all high ones if that differs.
+fn lines_of(boxes: &[PixelBox]) -> Vec<Line> {
+    /// Heights above these shares of the highest: digits beside letters with serifs, and beside parentheses.
+    const SHARES: [f32; 2] = [0.86, 0.7];
+    let highest = boxes.iter().filter(|b| is_core(b)).map(|b| b.size(1)).fold(0.0, f32::max);
+    let line = |share: f32| line_of(boxes.iter().filter(|b| b.size(1) >= share * highest).collect());
+    let mut lines: Vec<Line> = SHARES.into_iter().filter_map(line).collect();
+    lines.dedup_by(|b, a| b.height > 0.93 * a.height);
+    lines
+}
+
+/// Height and baseline of a line of shapes of about the same height.
+fn line_of(high: Vec<&PixelBox>) -> Option<Line> {
     /// Steepest baseline: a page tilted by 3°.
     const STEEPEST: f32 = 0.06;
-    let highest = boxes.iter().filter(|b| is_core(b)).map(|b| b.size(1)).fold(0.0, f32::max);
-    let high: Vec<&PixelBox> = boxes.iter().filter(|b| b.size(1) >= HIGH * highest).collect();
     let height = median(high.iter().map(|b| b.size(1)).collect())?;
     let feet: Vec<[f32; 2]> = high.iter().map(|b| [b.middle(0), b.high[1] + 0.5]).collect();
     let mut slopes = Vec::new();
@@ -327,12 +353,13 @@ fn best_glyph(chances: &[f32; CLASS_COUNT]) -> (usize, f32) {
 }
 
 /// The spans that explain the parts best; parts between them are skipped.
-fn best_path(parts: usize, spans: &[Span]) -> Vec<usize> {
+fn best_path(parts: usize, spans: &[Span]) -> (Vec<usize>, f32) {
     let mut best: Vec<(f32, Option<usize>)> = vec![(0.0, None); parts + 1];
     for end in 1..=parts {
         best[end] = (best[end - 1].0 + SKIPPED, None);
         for (k, span) in spans.iter().enumerate().filter(|(_, s)| s.last + 1 == end) {
-            let score = best[span.first].0 + best_glyph(&span.chances).1.max(1e-9).ln();
+            let torn = if span.is_torn { SKIPPED } else { 0.0 };
+            let score = best[span.first].0 + best_glyph(&span.chances).1.max(1e-9).ln() + torn;
             if score > best[end].0 {
                 best[end] = (score, Some(k));
             }
@@ -350,7 +377,7 @@ fn best_path(parts: usize, spans: &[Span]) -> Vec<usize> {
         }
     }
     path.reverse();
-    path
+    (path, best[parts].0)
 }
 
 fn word(

@@ -23,37 +23,49 @@ pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText
     let arrows: Vec<Arrow> = triangles.iter().take(MAX_ARROWS).filter_map(arrow).collect();
     let stated: Vec<([f64; 2], (f64, f64))> =
         texts.iter().filter_map(|text| Some((text.at, stated_length(&text.text)?))).collect();
-    let mut found = Vec::new();
+    let mut candidates = Vec::new();
     for (k, own) in arrows.iter().enumerate() {
-        let partners = arrows.iter().enumerate().filter_map(|(j, other)| {
-            let step = [other.tip[0] - own.tip[0], other.tip[1] - own.tip[1]];
-            let along = step[0] * own.towards[0] + step[1] * own.towards[1];
-            let across = (step[0] * own.towards[1] - step[1] * own.towards[0]).abs();
-            let faces = own.towards[0] * other.towards[0] + own.towards[1] * other.towards[1];
-            let is_pair =
-                faces < OPPOSITE - 1.0 && across <= OPPOSITE * along.abs() && along.abs() > own.length;
-            is_pair.then_some((along.abs(), j))
-        });
-        let Some((drawn, other)) = partners.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
-        // Each pair once.
-        if other < k {
-            continue;
+        for (j, other) in arrows.iter().enumerate().skip(k + 1) {
+            let Some(drawn) = own.distance_to_partner(other) else { continue };
+            let middle = [0, 1].map(|c| 0.5 * (own.tip[c] + other.tip[c]));
+            for (number, (at, _)) in stated.iter().enumerate() {
+                let off = [at[0] - middle[0], at[1] - middle[1]];
+                let [along, across] = [
+                    off[0] * own.towards[0] + off[1] * own.towards[1],
+                    off[0] * own.towards[1] - off[1] * own.towards[0],
+                ];
+                if along.abs() <= 0.5 * drawn && across.abs() <= BESIDE * own.length {
+                    // Of equal dimensions in a row, the outer arrowheads have the same middle as the inner ones.
+                    let cost = distance(*at, middle) + 1e-3 * drawn;
+                    candidates.push((cost, [k, j], number, drawn));
+                }
+            }
         }
-        let middle = [0, 1].map(|c| 0.5 * (own.tip[c] + arrows[other].tip[c]));
-        let near = stated.iter().filter(|(at, _)| {
-            let off = [at[0] - middle[0], at[1] - middle[1]];
-            let [along, across] = [
-                off[0] * own.towards[0] + off[1] * own.towards[1],
-                off[0] * own.towards[1] - off[1] * own.towards[0],
-            ];
-            along.abs() <= 0.5 * drawn && across.abs() <= BESIDE * own.length
-        });
-        let nearest = near.min_by(|a, b| distance(a.0, middle).total_cmp(&distance(b.0, middle)));
-        if let Some((_, (stated, rounding))) = nearest {
-            found.push(SheetDimension { drawn, stated: *stated, rounding: *rounding });
+    }
+    // Arrowheads of dimensions in a row face those of their neighbours, too: numbers tell which are pairs.
+    candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut used = vec![false; arrows.len()];
+    let mut used_numbers = vec![false; stated.len()];
+    let mut found = Vec::new();
+    for (_, [k, j], number, drawn) in candidates {
+        if !used[k] && !used[j] && !used_numbers[number] {
+            [used[k], used[j], used_numbers[number]] = [true; 3];
+            let (stated, rounding) = stated[number].1;
+            found.push(SheetDimension { drawn, stated, rounding });
         }
     }
     found
+}
+
+impl Arrow {
+    /// The distance of the tips, if both arrows are on one line and point in opposite directions.
+    fn distance_to_partner(&self, other: &Self) -> Option<f64> {
+        let step = [other.tip[0] - self.tip[0], other.tip[1] - self.tip[1]];
+        let along = (step[0] * self.towards[0] + step[1] * self.towards[1]).abs();
+        let across = (step[0] * self.towards[1] - step[1] * self.towards[0]).abs();
+        let faces = self.towards[0] * other.towards[0] + self.towards[1] * other.towards[1];
+        (faces < OPPOSITE - 1.0 && across <= OPPOSITE * along && along > self.length).then_some(along)
+    }
 }
 
 /// The arrow of a triangle: its tip is opposite to the shortest side.
