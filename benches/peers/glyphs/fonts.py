@@ -15,10 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 CAP, BASE, SIZE = 64, 112, 160
 DIAMETER = "Ø"
-CLASSES = (
-    "0123456789.,:-+±°Ø×/%()="
-    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwyzäöüé"
-)
+CLASSES = "0123456789.,:-+±°Ø×/%()=ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwyzäöüé"
 # What is drawn for a class; one that fonts lack is drawn as another with a stroke through it.
 DRAWN = {DIAMETER: "Ø⌀∅φΦ", "×": "×x", "-": "-−–"}
 HERSHEY = pathlib.Path("/usr/share/hershey-fonts")
@@ -82,7 +79,9 @@ class Strokes:
             glyphs = {c: ([[move(p) for p in line] for line in g], a / unit) for c, (g, a) in glyphs.items()}
         self.glyphs = glyphs
         circle = [(0.4 + 0.4 * math.cos(t), 0.5 + 0.4 * math.sin(t)) for t in np.linspace(0, 2 * math.pi, 25)]
-        small = [(0.15 + 0.15 * math.cos(t), 0.85 + 0.15 * math.sin(t)) for t in np.linspace(0, 2 * math.pi, 17)]
+        small = [
+            (0.15 + 0.15 * math.cos(t), 0.85 + 0.15 * math.sin(t)) for t in np.linspace(0, 2 * math.pi, 17)
+        ]
         self.glyphs.setdefault(DIAMETER, ([circle, [(0.05, 0.0), (0.75, 1.0)]], 1.0))
         self.glyphs.setdefault("°", ([small], 0.5))
         if "×" not in self.glyphs:
@@ -231,7 +230,9 @@ def all_fonts(lff=None, part=None):
             continue
         # Of Noto only those with Latin letters; the others share the digits of Noto Sans or have none.
         noto = re.match(r"Noto(Sans|Serif|SansMono|SansDisplay|SerifDisplay)-", path.stem)
-        if path.stem.startswith("Noto") and (not noto or not re.search("(Regular|Bold|Italic|Light|Condensed)$", path.stem)):
+        if path.stem.startswith("Noto") and (
+            not noto or not re.search("(Regular|Bold|Italic|Light|Condensed)$", path.stem)
+        ):
             continue
         if part and share(path.stem) != part:
             continue

@@ -33,7 +33,10 @@ def normalised(ink, box):
 def seen(mask, height, rng):
     """How a picture shows a canvas when capitals are `height` pixels high; with the place of the baseline."""
     scale = height / CAP
-    angle, shear = np.radians(rng.uniform(-2.3, 2.3)), rng.uniform(-0.05, 0.05) if rng.random() < 0.7 else rng.uniform(-0.1, 0.27)
+    angle, shear = (
+        np.radians(rng.uniform(-2.3, 2.3)),
+        rng.uniform(-0.05, 0.05) if rng.random() < 0.7 else rng.uniform(-0.1, 0.27),
+    )
     stretch = rng.uniform(0.8, 1.25)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     linear = scale * turn @ np.array([[stretch, -shear], [0, 1]])
@@ -41,7 +44,9 @@ def seen(mask, height, rng):
     shift = np.array([size / 2, 0.7 * size]) + rng.uniform(-0.5, 0.5, 2) - linear @ np.array([SIZE / 2, BASE])
     # Areas of pixels: the canvas is blurred by the width of a pixel first.
     soft = cv2.GaussianBlur(mask, (0, 0), 0.35 / scale) if scale < 1 else mask
-    ink = cv2.warpAffine(soft, np.hstack([linear, shift[:, None]]), (size, size), flags=cv2.INTER_LINEAR) / np.float32(255)
+    ink = cv2.warpAffine(
+        soft, np.hstack([linear, shift[:, None]]), (size, size), flags=cv2.INTER_LINEAR
+    ) / np.float32(255)
     kind = rng.random()
     if kind < 0.5:
         ink = cv2.GaussianBlur(ink, (0, 0), rng.uniform(0.3, min(1.6, 0.06 * height + 0.25)))
@@ -76,7 +81,12 @@ def sample(ink, baseline, height, rng):
     factor = rng.uniform(1.1, 1.35) if chance < 0.1 else rng.uniform(0.72, 0.9) if chance < 0.15 else 1
     line = height * factor * np.exp(rng.normal(0, 0.05))
     baseline = baseline + rng.normal(0, 0.04) * height
-    place = [(box[3] - box[1] + 1) / line, (baseline - box[3] - 0.5) / line, (box[2] - box[0] + 1) / line, min(line, 48) / 32]
+    place = [
+        (box[3] - box[1] + 1) / line,
+        (baseline - box[3] - 0.5) / line,
+        (box[2] - box[0] + 1) / line,
+        min(line, 48) / 32,
+    ]
     return np.uint8(np.round(255 * picture)), np.clip(place, -1, 3).astype(np.float32)
 
 
@@ -103,7 +113,9 @@ def pair(font, rng, height):
     if len(ax) == 0 or len(bx) == 0:
         return a
     shift = int(ax[-1] - bx[0] - rng.integers(0, 4))
-    canvas = np.maximum(np.pad(a, ((0, 0), (SIZE, SIZE))), np.roll(np.pad(b, ((0, 0), (SIZE, SIZE))), shift, 1))
+    canvas = np.maximum(
+        np.pad(a, ((0, 0), (SIZE, SIZE))), np.roll(np.pad(b, ((0, 0), (SIZE, SIZE))), shift, 1)
+    )
     middle = (SIZE + ax[0] + SIZE + shift + bx[-1]) // 2
     return canvas[:, middle - SIZE // 2 : middle + SIZE // 2]
 
@@ -152,7 +164,9 @@ def shape(rng, height):
     elif kind == 7:
         radius = int(rng.integers(20, 60))
         start = rng.uniform(0, 360)
-        cv2.ellipse(mask, (80, 80), (radius, radius), 0, start, start + rng.uniform(30, 200), 255, width, cv2.LINE_AA)
+        cv2.ellipse(
+            mask, (80, 80), (radius, radius), 0, start, start + rng.uniform(30, 200), 255, width, cv2.LINE_AA
+        )
     else:
         radius = int(rng.integers(14, 60))
         cv2.circle(mask, (80, 80), radius, 255, width, cv2.LINE_AA)
@@ -211,11 +225,24 @@ def main():
     for _ in range(14 * asked.count):
         group = groups[rng.integers(len(groups))]
         font, height, kind = group[rng.integers(len(group))], random_height(rng), rng.random()
-        mask = pair(font, rng, height) if kind < 0.45 else piece(font, rng, height) if kind < 0.58 else shape(rng, height)
+        mask = (
+            pair(font, rng, height)
+            if kind < 0.45
+            else piece(font, rng, height)
+            if kind < 0.58
+            else shape(rng, height)
+        )
         add(mask, height, REJECT)
     order = rng.permutation(len(labels))
-    np.savez(asked.out, pictures=np.array(pictures)[order], places=np.array(places)[order], labels=np.array(labels)[order])
-    print(f"{len(labels)} samples of {len(CLASSES) + 1} classes from {len(groups)} families ({DIAMETER} and × included)")
+    np.savez(
+        asked.out,
+        pictures=np.array(pictures)[order],
+        places=np.array(places)[order],
+        labels=np.array(labels)[order],
+    )
+    print(
+        f"{len(labels)} samples of {len(CLASSES) + 1} classes from {len(groups)} families ({DIAMETER} and × included)"
+    )
 
 
 if __name__ == "__main__":

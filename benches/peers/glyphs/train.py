@@ -39,7 +39,9 @@ def initial(key):
 
 def logits(weights, pictures, places, drop=None):
     convolved = lambda x, name: jax.nn.relu(
-        jax.lax.conv_general_dilated(x, weights[name], (2, 2), ((2, 2), (2, 2)), dimension_numbers=("NHWC", "HWIO", "NHWC"))
+        jax.lax.conv_general_dilated(
+            x, weights[name], (2, 2), ((2, 2), (2, 2)), dimension_numbers=("NHWC", "HWIO", "NHWC")
+        )
         + weights[name + "_bias"]
     )
     x = convolved(convolved(pictures[..., None], "first"), "second")
@@ -60,7 +62,9 @@ def step(weights, moments, pictures, places, labels, rate, count, key):
     value, gradient = jax.value_and_grad(loss)(weights, pictures / 255.0, places, labels, key)
     first = jax.tree.map(lambda m, g: 0.9 * m + 0.1 * g, moments[0], gradient)
     second = jax.tree.map(lambda m, g: 0.999 * m + 0.001 * g * g, moments[1], gradient)
-    move = lambda w, a, b: w - rate * ((a / (1 - 0.9**count)) / (jnp.sqrt(b / (1 - 0.999**count)) + 1e-8) + 1e-4 * w)
+    move = lambda w, a, b: (
+        w - rate * ((a / (1 - 0.9**count)) / (jnp.sqrt(b / (1 - 0.999**count)) + 1e-8) + 1e-4 * w)
+    )
     return jax.tree.map(move, weights, first, second), (first, second), value
 
 
@@ -78,7 +82,14 @@ def train(samples, epochs, batch, seed):
             rate = 2e-3 * 0.5 * (1 + np.cos(np.pi * count / steps)) * min(1, count / 200)
             shown = pictures[own].astype(np.float32)
             weights, moments, value = step(
-                weights, moments, shown, places[own], labels[own], rate, float(count), jax.random.fold_in(key, count)
+                weights,
+                moments,
+                shown,
+                places[own],
+                labels[own],
+                rate,
+                float(count),
+                jax.random.fold_in(key, count),
             )
             total.append(value)
         print(f"epoch {epoch + 1}: loss {float(np.mean(total)):.4f}", flush=True)
@@ -114,7 +125,10 @@ def stored(path):
 def judged(weights, samples):
     pictures, places, labels = samples
     apply = jax.jit(logits)
-    parts = [apply(weights, pictures[k : k + 2000] / np.float32(255), places[k : k + 2000]) for k in range(0, len(labels), 2000)]
+    parts = [
+        apply(weights, pictures[k : k + 2000] / np.float32(255), places[k : k + 2000])
+        for k in range(0, len(labels), 2000)
+    ]
     return np.concatenate(parts), labels
 
 

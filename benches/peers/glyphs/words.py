@@ -100,7 +100,11 @@ class Picture:
 
     def arrow(self, tip, along, length):
         across = np.array([-along[1], along[0]])
-        corners = [tip, tip - length * along + 0.17 * length * across, tip - length * along - 0.17 * length * across]
+        corners = [
+            tip,
+            tip - length * along + 0.17 * length * across,
+            tip - length * along - 0.17 * length * across,
+        ]
         mask = np.zeros(self.ink.shape, np.uint8)
         cv2.fillPoly(mask, [np.int32(16 * np.array(corners))], 255, cv2.LINE_AA, 4)
         np.maximum(self.ink, mask / np.float32(255), out=self.ink)
@@ -129,7 +133,9 @@ class Picture:
         for _ in range(30):
             middle = rng.uniform(0, self.size, 2)
             wide, high = (sizes[1], sizes[0]) if upwards else sizes
-            if self.free(middle[0] - wide / 2, middle[1] - high / 2, middle[0] + wide / 2, middle[1] + high / 2):
+            if self.free(
+                middle[0] - wide / 2, middle[1] - high / 2, middle[0] + wide / 2, middle[1] + high / 2
+            ):
                 break
         else:
             return
@@ -138,18 +144,39 @@ class Picture:
         turned = np.rot90(ink) if upwards else ink
         # The middle of the capitals is at `middle`; the line is below, or in the middle.
         shift = base - 0.5 * height
-        corner = middle - np.array([shift, 0.5 * ink.shape[1]]) if upwards else middle - np.array([0.5 * ink.shape[1], shift])
+        corner = (
+            middle - np.array([shift, 0.5 * ink.shape[1]])
+            if upwards
+            else middle - np.array([0.5 * ink.shape[1], shift])
+        )
         x, y = np.round(corner).astype(int)
         part = self.ink[max(y, 0) : y + turned.shape[0], max(x, 0) : x + turned.shape[1]]
-        np.maximum(part, turned[max(-y, 0) : max(-y, 0) + part.shape[0], max(-x, 0) : max(-x, 0) + part.shape[1]], out=part)
-        kept = {"text": chars, "at": [float(v) for v in middle], "height": float(height), "upwards": bool(upwards)}
+        np.maximum(
+            part,
+            turned[max(-y, 0) : max(-y, 0) + part.shape[0], max(-x, 0) : max(-x, 0) + part.shape[1]],
+            out=part,
+        )
+        kept = {
+            "text": chars,
+            "at": [float(v) for v in middle],
+            "height": float(height),
+            "upwards": bool(upwards),
+        }
         self.words.append({**kept, "font": font.name, "kind": str(kind)})
         if kind == "alone":
             return
-        offset = {"above": 0.5 * height + rng.uniform(0.35, 0.8) * height + self.thin, "gap": 0, "touching": 0.5 * height}[str(kind)]
+        offset = {
+            "above": 0.5 * height + rng.uniform(0.35, 0.8) * height + self.thin,
+            "gap": 0,
+            "touching": 0.5 * height,
+        }[str(kind)]
         for side in (-1, 1):
             end = middle + side * half * along + offset * down
-            start = middle + offset * down if kind != "gap" else middle + side * (0.5 * ink.shape[1] + 0.3 * height) * along
+            start = (
+                middle + offset * down
+                if kind != "gap"
+                else middle + side * (0.5 * ink.shape[1] + 0.3 * height) * along
+            )
             self.stroke(start, end)
             self.arrow(end, side * along, rng.uniform(0.8, 1.2) * height)
             self.stroke(end - 0.6 * height * down, end + 0.6 * height * down)
@@ -177,7 +204,15 @@ class Picture:
                 radius = rng.uniform(4, 0.2 * high)
                 cx, cy = x + rng.uniform(0.25, 0.75) * wide, y + rng.uniform(0.25, 0.75) * high
                 mask = np.zeros(self.ink.shape, np.uint8)
-                cv2.circle(mask, (int(16 * cx), int(16 * cy)), int(16 * radius), 255, max(1, round(thick)), cv2.LINE_AA, 4)
+                cv2.circle(
+                    mask,
+                    (int(16 * cx), int(16 * cy)),
+                    int(16 * radius),
+                    255,
+                    max(1, round(thick)),
+                    cv2.LINE_AA,
+                    4,
+                )
                 np.maximum(self.ink, mask / np.float32(255), out=self.ink)
             if rng.random() < 0.3:
                 for k in np.arange(0, 0.4 * wide, rng.uniform(5, 12)):
@@ -240,14 +275,18 @@ def judge(folder, reader):
         used = set()
         for word in words:
             near = [
-                (np.hypot(f[2] - word["at"][0], f[3] - word["at"][1]), k) for k, f in enumerate(own) if k not in used
+                (np.hypot(f[2] - word["at"][0], f[3] - word["at"][1]), k)
+                for k, f in enumerate(own)
+                if k not in used
             ]
             distance, k = min(near, default=(np.inf, -1))
-            expected = word["text"].replace("×", "x")
+            # A decimal comma and a point state the same number.
+            plain = lambda t: t.replace("×", "x").replace(",", ".")
+            expected = plain(word["text"])
             shown, sure = "", 0.0
             if distance < 1.5 * word["height"]:
                 used.add(k)
-                shown, sure = own[k][0].replace("×", "x"), own[k][1]
+                shown, sure = plain(own[k][0]), own[k][1]
             rows.append((expected, shown, sure, word, path.name))
         spurious += [(f[0], f[1], path.name) for k, f in enumerate(own) if k not in used]
     summary(rows, spurious, seconds)
@@ -260,16 +299,25 @@ def summary(rows, spurious, seconds):
     numbers = np.array([any(c.isdigit() for c in r[0]) for r in rows])
     height = np.array([r[3]["height"] for r in rows])
     kinds = np.array([r[3]["kind"] for r in rows])
-    print(f"{len(rows)} words: right {right.mean():.4f}; numbers {right[numbers].mean():.4f} of {numbers.sum()}")
+    print(
+        f"{len(rows)} words: right {right.mean():.4f}; numbers {right[numbers].mean():.4f} of {numbers.sum()}"
+    )
     for low, high in ((0, 10), (10, 16), (16, 30), (30, 99)):
         own = (height >= low) & (height < high)
         if own.any():
             print(f"  {low} to {high} px: {right[own].mean():.4f} of {own.sum()}")
-    print("  " + ", ".join(f"{k}: {right[kinds == k].mean():.4f} of {(kinds == k).sum()}" for k in sorted(set(kinds))))
+    print(
+        "  "
+        + ", ".join(
+            f"{k}: {right[kinds == k].mean():.4f} of {(kinds == k).sum()}" for k in sorted(set(kinds))
+        )
+    )
     for least in (0.9, 0.95, 0.99, 0.999):
         own = sure >= least
         extra = sum(s[1] >= least for s in spurious)
-        print(f"  confidence ≥ {least}: share {own.mean():.4f}, wrong {(~right[own]).sum()} of {own.sum()}, spurious {extra}")
+        print(
+            f"  confidence ≥ {least}: share {own.mean():.4f}, wrong {(~right[own]).sum()} of {own.sum()}, spurious {extra}"
+        )
     print(f"  median {np.median(seconds):.3f} s, longest {max(seconds):.3f} s a picture")
 
 
@@ -278,7 +326,9 @@ def main():
     reading.add_argument("--part", choices=["train", "calibrate", "test"])
     reading.add_argument("--count", type=int, default=40)
     reading.add_argument("--seed", type=int, default=7)
-    reading.add_argument("--smallest", type=float, default=8, help="height of the smallest capitals in pixels")
+    reading.add_argument(
+        "--smallest", type=float, default=8, help="height of the smallest capitals in pixels"
+    )
     reading.add_argument("--lff", help="folder of LibreCAD's fonts")
     reading.add_argument("--ending", choices=["png", "pgm"], default="png")
     reading.add_argument("--out", type=pathlib.Path)
@@ -293,7 +343,9 @@ def main():
         if asked.list:
             for expected, shown, sure, word, name in rows:
                 if expected != shown:
-                    print(f"wrong {expected} → {shown} ({sure:.3f}) {word['font']} {word['height']:.0f} px {word['kind']} {name}")
+                    print(
+                        f"wrong {expected} → {shown} ({sure:.3f}) {word['font']} {word['height']:.0f} px {word['kind']} {name}"
+                    )
             for shown, sure, name in spurious:
                 print(f"spurious {shown} ({sure:.3f}) {name}")
 

@@ -1,5 +1,5 @@
-//! Prints the texts of pictures, one per line: file, text, confidence, x and y of the middle, angle in degrees,
-//! height in pixels, seconds for the picture; tabs between them.
+//! Prints the texts of pictures, one per line: file, text, confidence, x and y of the middle, angle in
+//! degrees, height in pixels, seconds for the picture; tabs between them.
 //!
 //! `cargo run --release -p planish-exchange --example read_words -- PICTURE...`
 

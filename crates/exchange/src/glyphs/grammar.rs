@@ -49,7 +49,8 @@ pub(super) fn read(glyphs: &[[f32; CLASS_COUNT]]) -> ReadWord {
     let best = readings.iter().max_by(|a, b| weighed(a).total_cmp(&weighed(b)));
     best.map_or(ReadWord { characters: Vec::new(), probability: 0.0 }, |(text, _)| {
         // A decimal comma and a point state the same number.
-        let value = |text: &[char]| text.iter().map(|c| if *c == ',' { '.' } else { *c }).collect::<Vec<char>>();
+        let value =
+            |text: &[char]| text.iter().map(|c| if *c == ',' { '.' } else { *c }).collect::<Vec<char>>();
         let same = readings.iter().filter(|r| value(&r.0) == value(text)).map(weighed).sum::<f64>();
         ReadWord { characters: text.clone(), probability: same / total }
     })

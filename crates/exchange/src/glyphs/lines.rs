@@ -1,6 +1,6 @@
 //! Finds long straight lines, so that texts that touch them can be read, and arrowheads at ends of lines.
 
-use super::arrows::{InkAlong, arrowheads_of};
+use super::arrows::{Arrowhead, InkAlong, arrowheads_of};
 use super::ink::Ink;
 use planish_solid::views::distance;
 
@@ -19,8 +19,8 @@ const OFFSET: f32 = 1.5;
 pub(super) struct LineWork {
     /// Pixels of long lines, except where strokes touch them.
     pub(super) long: Vec<bool>,
-    /// Arrowheads at the ends of lines: their corners in pixels, the tip first.
-    pub(super) arrowheads: Vec<[[f64; 2]; 3]>,
+    /// Arrowheads at the ends of lines, in pixels.
+    pub(super) arrowheads: Vec<Arrowhead>,
 }
 
 impl LineWork {
@@ -38,11 +38,11 @@ impl LineWork {
             let view = InkAlong { length, across, ink: |along, at| ink.values[index(along, at)] };
             let heads = chains.iter().flat_map(|chain| arrowheads_of(chain, &view));
             let place = |p: [f64; 2]| if transposed { [p[1], p[0]] } else { p };
-            for corners in heads.map(|corners| corners.map(place)) {
+            for (corners, head) in heads.map(|(corners, head)| (corners.map(place), head)) {
                 // Parts of a line that glyphs divide find the same arrowhead.
-                let is_known = |own: &[[f64; 2]; 3]| (0..3).all(|k| distance(own[k], corners[k]) < SAME_HEAD);
+                let is_known = |own: &Arrowhead| (0..3).all(|k| distance(own.0[k], corners[k]) < SAME_HEAD);
                 if !found.arrowheads.iter().any(is_known) {
-                    found.arrowheads.push(corners);
+                    found.arrowheads.push((corners, head));
                 }
             }
             for band in joined(chains) {

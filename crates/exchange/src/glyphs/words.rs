@@ -203,7 +203,8 @@ impl WordFinder<'_> {
                 if first == last && parts[first].is_cut {
                     chances[NO_GLYPH] += std::mem::take(&mut chances[DASH]);
                 }
-                let is_torn = first > 0 && overlap(&parts[first - 1].patch.bounds, &parts[first].patch.bounds);
+                let is_torn =
+                    first > 0 && overlap(&parts[first - 1].patch.bounds, &parts[first].patch.bounds);
                 spans.push(Span { first, last, bounds, chances, is_torn });
             }
         }
