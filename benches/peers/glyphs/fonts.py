@@ -1,7 +1,8 @@
-"""Fonts for the glyph reader: outlines (TrueType, OpenType) and strokes (Hershey, LibreCAD), drawn at one size.
+"""Fonts for the glyph reader, drawn at one size: outlines, and strokes of Hershey and LibreCAD.
 
-Every font draws a character on a canvas of `SIZE` pixels with capitals `CAP` pixels high and the baseline at row `BASE`.
-Outline fonts need Debian's `fonts-*` packages; Hershey's need `hershey-fonts-data`; LibreCAD's need `librecad-data`.
+Every font draws a character on a canvas of `SIZE` pixels with capitals `CAP` pixels high and the baseline at
+row `BASE`. Outline fonts need the packages of `fonts.md`, Hershey's `hershey-fonts-data`, and LibreCAD's
+`librecad-data`.
 """
 
 import functools
@@ -100,7 +101,7 @@ class Strokes:
         return char in self.glyphs
 
     def draw(self, char, weight, variant=None):
-        """Draws a character; weight: width of strokes in pixels of the canvas; variant: what draws it instead."""
+        """Draws a character; weight: width of strokes in pixels of the canvas; variant: other lines."""
         lines = variant or self.glyphs[char][0]
         xs = [x for line in lines for x, _ in line]
         middle = 0.5 * (min(xs) + max(xs))

@@ -1,7 +1,8 @@
 """Samples of glyphs as pictures of drawings show them: any size, width of stroke, blur, noise, JPEG, tilt.
 
-A sample is what `crates/exchange/src/glyphs` gives to the network: `GRID` × `GRID` values of ink and four numbers about
-its place in the word. Shapes that are no glyphs (pieces, pairs, lines, arrowheads, hatches) are the last class.
+A sample is what `crates/exchange/src/glyphs` gives to the network: `GRID` × `GRID` values of ink and four
+numbers about its place in the word. Shapes that are no glyphs (pieces, pairs, lines, arrowheads, hatches) are
+the last class.
 
     python benches/peers/glyphs/samples.py --part train --count 2500 --seed 1 --out train.npz
 """

@@ -1,8 +1,10 @@
 """Trains the network of the glyph reader and writes its weights, quantised to 8 bits.
 
-Layers: convolution 5 × 5, stride 2, 12 maps; convolution 5 × 5, stride 2, 24 maps; 96 units that also take the four numbers
-of a glyph's place; classes. ReLU in between, cross entropy, Adam, seeded. The temperature of the probabilities is fitted to
-fonts that the training did not see. Prints the accuracy on those and on further fonts, for stored weights too (`--judge`).
+Layers: convolution 5 × 5, stride 2, 12 maps; convolution 5 × 5, stride 2, 24 maps; 96 units that also take
+the four numbers of a glyph's place; classes. ReLU in between, cross entropy, Adam, seeded. The temperature of
+the probabilities is fitted to fonts that the training did not see. Prints the accuracy on those and on further
+fonts, for stored weights too (`--judge`). `fonts.md` has the commands of the stored weights. Needs jax and
+opencv-python-headless.
 
     python benches/peers/glyphs/train.py train1.npz train2.npz --calibrate calibrate.npz --test test.npz \
         --out crates/exchange/src/glyphs/network.bin

@@ -1,7 +1,8 @@
 """Draws pictures of dimensions and titles in fonts of a part and judges what the program reads in them.
 
-Each picture has dimension lines with arrowheads, extension lines, dashed lines, hatches, circles and rectangles; some
-texts touch or cross a line. Fonts that training did not see: `--part test`; those of the calibration: `--part calibrate`.
+Each picture has dimension lines with arrowheads, extension lines, dashed lines, hatches, circles and
+rectangles; some texts touch or cross a line. Fonts that training did not see: `--part test`; those of the
+calibration: `--part calibrate`.
 
     cargo build --release -p planish-exchange --example read_words
     python benches/peers/glyphs/words.py --part test --count 60 --seed 7 --lff FOLDER --out FOLDER
@@ -19,8 +20,8 @@ from fonts import BASE, CAP, SIZE, Strokes, all_fonts
 from samples import families, weight
 
 TITLES = (
-    "FRONT TOP SIDE RIGHT LEFT VIEW Vorderansicht Draufsicht Seitenansicht Vue face dessus Alzado Planta Perfil "
-    "SECTION Schnitt SCALE Front Top Side ISO DIN Blatt Material Steel NAME DATE"
+    "FRONT TOP SIDE RIGHT LEFT VIEW Vorderansicht Draufsicht Seitenansicht Vue face dessus Alzado Planta "
+    "Perfil SECTION Schnitt SCALE Front Top Side ISO DIN Blatt Material Steel NAME DATE"
 ).split()
 
 
@@ -54,7 +55,7 @@ def text(rng):
 
 
 def line_of_text(font, chars, height, rng):
-    """Ink of a text with capitals `height` pixels high, and the row of its baseline; None if the font lacks a character."""
+    """Ink of a text with capitals `height` pixels high, and its baseline; None if the font lacks a character."""
     if not all(font.has(c) for c in chars):
         return None
     width = weight(font, height, rng)
@@ -316,7 +317,8 @@ def summary(rows, spurious, seconds):
         own = sure >= least
         extra = sum(s[1] >= least for s in spurious)
         print(
-            f"  confidence ≥ {least}: share {own.mean():.4f}, wrong {(~right[own]).sum()} of {own.sum()}, spurious {extra}"
+            f"  confidence ≥ {least}: share {own.mean():.4f}, wrong {(~right[own]).sum()} of {own.sum()}, "
+            f"spurious {extra}"
         )
     print(f"  median {np.median(seconds):.3f} s, longest {max(seconds):.3f} s a picture")
 
@@ -344,7 +346,8 @@ def main():
             for expected, shown, sure, word, name in rows:
                 if expected != shown:
                     print(
-                        f"wrong {expected} → {shown} ({sure:.3f}) {word['font']} {word['height']:.0f} px {word['kind']} {name}"
+                        f"wrong {expected} → {shown} ({sure:.3f}) {word['font']} {word['height']:.0f} px "
+                        f"{word['kind']} {name}"
                     )
             for shown, sure, name in spurious:
                 print(f"spurious {shown} ({sure:.3f}) {name}")
