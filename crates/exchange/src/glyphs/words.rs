@@ -252,7 +252,7 @@ impl WordFinder<'_> {
     /// Whether there is ink between the glyphs of a word, or beside it where a dimension line would not be.
     fn has_unread(&self, spans: &[&Span], line: &Line, reading: Reading) -> bool {
         /// Columns beside a word that are looked at, in heights: glyphs of the word would be there.
-        const BESIDE: f32 = 0.45;
+        const BESIDE: f32 = 0.6;
         let ink = |left: f32, right: f32, high: f32, low: f32| {
             let base = line.base_at(0.5 * (left + right));
             let rows = [base - high * line.height, base - low * line.height];
@@ -262,7 +262,7 @@ impl WordFinder<'_> {
             ink(pair[0].bounds.high[0] + 2.0, pair[1].bounds.low[0] - 2.0, 0.9, -0.12) > UNREAD_INK
         };
         let beside =
-            |left: f32, right: f32| ink(left, right, 0.95, 0.68).max(ink(left, right, 0.32, 0.0)) > STROKE;
+            |left: f32, right: f32| ink(left, right, 1.05, 0.68).max(ink(left, right, 0.32, 0.0)) > STROKE;
         let reach = BESIDE * line.height;
         let first = spans.first().is_some_and(|s| beside(s.bounds.low[0] - reach, s.bounds.low[0] - 2.0));
         let last = spans.last().is_some_and(|s| beside(s.bounds.high[0] + 2.0, s.bounds.high[0] + reach));
