@@ -232,7 +232,8 @@ fn line_work_is_no_text() {
 fn dimensions_are_arrowheads_with_a_number() {
     let mut sheet = Sheet::new(600, 400);
     sheet.dimension("84.5", [60.0, 310.0], 80.0, 22.0);
-    sheet.dimension("30", [350.0, 540.0], 250.0, 22.0);
+    // In a row: the arrowheads between them face each other, and are nearer than their partners.
+    sheet.dimension("30", [350.0, 540.0], 80.0, 22.0);
     let words = read_words(&sheet.image());
     let mut dimensions = words.dimensions(400, 0.5);
     dimensions.sort_by(|a, b| a.stated.total_cmp(&b.stated));

@@ -35,7 +35,7 @@ pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText
                     off[0] * own.towards[1] - off[1] * own.towards[0],
                 ];
                 if along.abs() <= 0.5 * drawn && across.abs() <= BESIDE * own.length {
-                    // Of equal dimensions in a row, the outer arrowheads have the same middle as the inner ones.
+                    // Of equal dimensions in a row, outer arrowheads have the same middle as inner ones.
                     let cost = distance(*at, middle) + 1e-3 * drawn;
                     candidates.push((cost, [k, j], number, drawn));
                 }
