@@ -39,6 +39,7 @@ use network::Network;
 use planish_sense::Image;
 use planish_solid::sheet::{SheetDimension, SheetText};
 use shape::{Reading, Run, Shape, connected};
+use std::collections::HashMap;
 use words::{FoundWord, WordFinder};
 
 /// Texts of a picture.
@@ -116,6 +117,8 @@ fn upwards([x, y]: [f64; 2], rows: usize) -> [f64; 2] {
 
 /// Longest side of the shapes that may be glyphs, in pixels; larger ones are line work.
 const LARGEST_GLYPH: f32 = 110.0;
+/// Maximum number of shapes of a picture. A densely written A3 sheet has a tenth.
+const MAX_SHAPES: usize = 50_000;
 /// Probability of being glyphs below which shapes are line work.
 const IS_TEXT: f64 = 0.5;
 /// Confidence from which the pixels of a word are no line work. What is erased wrongly is lost for views.
@@ -169,12 +172,24 @@ fn glyph_shapes(ink: &Ink, mut mask: Vec<bool>, lines: &LineWork) -> Vec<Shape> 
     mask.iter_mut().zip(&lines.long).for_each(|(pixel, line)| *pixel &= !line);
     let filled = lines.arrowheads.iter().filter(|(_, head)| *head == Head::Filled);
     let middles = filled.map(|(corners, _)| middle(corners));
-    let heads: Vec<[u32; 2]> = middles.map(|p| p.map(|c| c.round().max(0.0) as u32)).collect();
-    let is_head = |run: &Run| heads.iter().any(|[x, y]| *y == run.row && (run.first..=run.last).contains(x));
+    let mut heads: HashMap<u32, Vec<u32>> = HashMap::new();
+    for [x, y] in middles.map(|p| p.map(|c| c.round().max(0.0) as u32)) {
+        heads.entry(y).or_default().push(x);
+    }
+    let is_head = |run: &Run| {
+        heads.get(&run.row).is_some_and(|row| row.iter().any(|x| (run.first..=run.last).contains(x)))
+    };
     let is_glyph =
         |s: &Shape| s.bounds.size(0).max(s.bounds.size(1)) <= LARGEST_GLYPH && !s.runs.iter().any(is_head);
     let mut shapes: Vec<Shape> = connected(&mask, ink.columns).into_iter().filter(is_glyph).collect();
-    shapes.extend(ink.faint_points());
+    let points = ink.faint_points();
+    if shapes.len() + points.len() <= MAX_SHAPES {
+        shapes.extend(points);
+    }
+    // Noise: neighbours would be compared for hours.
+    if shapes.len() > MAX_SHAPES {
+        shapes.clear();
+    }
     shapes
 }
 

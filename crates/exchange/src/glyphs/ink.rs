@@ -26,6 +26,9 @@ impl Ink {
             image.values.iter().step_by(1 + image.values.len() / 65_536).map(|v| finite(*v)).collect();
         sample.sort_by(f32::total_cmp);
         let (low, median, high) = (sample[0], sample[sample.len() / 2], sample[sample.len() - 1]);
+        if high <= low {
+            return Self { columns, rows, values: vec![0.0; columns * rows] };
+        }
         let inverted = median - low < high - median;
         let light = |v: f32| if inverted { high - finite(v) } else { finite(v) - low };
         let tiles = [columns.div_ceil(TILE), rows.div_ceil(TILE)];

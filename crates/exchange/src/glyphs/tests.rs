@@ -278,3 +278,20 @@ fn a_line_that_touches_digits_gives_no_wrong_number() {
         );
     }
 }
+
+#[test]
+fn noise_and_tiny_pictures_are_read_in_time() {
+    let mut state = 7_u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as f32
+    };
+    for (columns, rows) in [(1, 1), (1, 300), (300, 1), (2, 3), (900, 800)] {
+        let values = (0..columns * rows).map(|_| noise()).collect();
+        let words = read_words(&Image::try_new(columns, rows, values).unwrap());
+        assert_eq!(words.mask.len(), columns * rows);
+        assert!(words.words.iter().all(|w| w.confidence < 0.9), "{:?}", texts(&words));
+    }
+    let nothing = vec![f32::NAN; 600];
+    assert!(read_words(&Image::try_new(30, 20, nothing).unwrap()).words.is_empty());
+}
