@@ -55,6 +55,7 @@
 //! | [`depth`] | PNG, TIFF, NPY | depth images, with the [`calibration`] of their camera | |
 //! | [`dxf`], [`svg`], [`pdf`] | DXF (ASCII), SVG, PDF | curves of drawings | |
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures | PNG |
+//! | [`glyphs`] | pictures | texts, arrowheads and dimensions of drawings | |
 //! | [`raster`] | TIFF, NPY | | values per pixel |
 //! | [`views`] | `views.toml` | cameras with masks, contours and tracks | |
 //! | [`landmarks`] | CSV | measured positions of places of a mesh | |
@@ -82,6 +83,7 @@ pub mod dxf;
 pub mod e57;
 pub mod geotiff;
 pub mod glb;
+pub mod glyphs;
 pub mod job;
 pub mod landmarks;
 pub mod las;

@@ -16,7 +16,6 @@
 //! ISO 32000-1:2008, *Document management — Portable document format — Part 1: PDF 1.7*.
 
 mod content;
-mod dimensions;
 mod file;
 mod filter;
 mod state;
@@ -28,7 +27,9 @@ mod text;
 use crate::Unit;
 use crate::dxf::DxfDrawing;
 use crate::source::read_file;
-use crate::strokes::{Accuracy, Stroke, join_dashes, share_centres, smoothed, take_hatching};
+use crate::strokes::{
+    Accuracy, Stroke, dimensions_between, join_dashes, share_centres, smoothed, take_hatching,
+};
 use content::{Drawn, Painter};
 use file::PdfFile;
 use planish_core::{Finding, FindingCode};
@@ -113,7 +114,7 @@ fn drawing_of(drawn: Drawn) -> DxfDrawing {
     ignore(&mut drawing, "centre line of single dashes", centre_lines, "");
     let texts = texts_of(drawn.runs);
     ignore(&mut drawing, "text", texts.len(), "");
-    let dimensions = dimensions::between(&drawn.triangles, &texts);
+    let dimensions = dimensions_between(&drawn.triangles, &texts);
     let pens = strokes.iter().map(|s| s.pen).collect();
     drawing.curves = strokes.into_iter().map(|s| s.drawn).collect();
     // Only the box of a hatch is known, so that it states a section, and rarely its shape.

@@ -5,6 +5,7 @@
 
 mod centres;
 mod dashes;
+mod dimensions;
 mod hatching;
 mod smoothing;
 #[cfg(test)]
@@ -12,6 +13,7 @@ mod tests;
 
 pub(crate) use centres::share_centres;
 pub(crate) use dashes::join_dashes;
+pub(crate) use dimensions::dimensions_between;
 pub(crate) use hatching::take_hatching;
 pub(crate) use smoothing::smoothed;
 
