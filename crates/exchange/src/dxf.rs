@@ -56,6 +56,8 @@ pub struct DxfDrawing {
     pub unit: Option<Unit>,
     /// Maximum error of coordinates by rounding, if the format has few digits.
     pub rounding: Option<f64>,
+    /// For a picture: length per pixel, if its dimensions state it.
+    pub pixel_length: Option<f64>,
     /// Curves of a picture that may be visible or hidden: they are no longer than a dash.
     pub open_styles: Vec<usize>,
     /// Number of ignored entities by kind, such as texts and hatches.

@@ -2,15 +2,15 @@
 //!
 //! **Input.** A picture of two or three views with dark lines on light paper. Hidden lines are dashed.
 //!
-//! **Output.** Lines, arcs and circles of the views, in pixels; y points up. Texts and dimensions are
-//! left out.
+//! **Output.** Lines, arcs and circles of the views, in pixels; y points up. Texts are left out; numbers of
+//! dimensions state the length of a pixel.
 //!
 //! 1. Ink is separated from paper, and strokes are thinned to a graph of paths.
 //! 2. Points of paths move to the middle of the ink. Paths are divided into lines and arcs by a BIC.
 //! 3. Pieces of one line or circle are joined at junctions, and over the gaps between dashes.
 //! 4. Coordinates that agree within their σ are the same, in a view and between views.
 //!
-//! **Limits.** The scale is unknown. Details of less than about two line widths are lost.
+//! **Limits.** Details of less than about two line widths are lost.
 
 mod alignment;
 mod consistent;
@@ -22,13 +22,16 @@ mod layout;
 mod marks;
 mod moments;
 mod pieces;
+mod scale;
 mod skeleton;
 #[cfg(test)]
 mod tests;
 mod thinning;
 
 use crate::dxf::DxfDrawing;
+use crate::glyphs::read_words;
 use crate::picture::read_brightness;
+use alignment::AlignedCurve;
 use ink::Ink;
 use moments::Shape;
 use pieces::{LineScale, Piece, PieceGraph};
@@ -42,12 +45,14 @@ use thinning::Mask;
 
 /// σ of a point in the middle of a line: of black and white pixels, and of grey ones.
 const SIGMAS: [f64; 2] = [0.35, 0.15];
-/// Share of grey pixels at the border of lines from which on their values tell the place of a line.
+/// Share of grey pixels at the border of lines from which on their values show the place of a line.
 const GREY_SHARE: f64 = 0.3;
 
 /// What a user must know about lengths.
-const UNSCALED: &str =
-    "lengths are in pixels of the picture, because its dimensions are not read: specify the scale";
+const UNSCALED: &str = "lengths are in pixels of the picture, because no two dimensions that agree could be read: specify the \
+     scale";
+/// Probability from which the number of a dimension is used.
+const READ: f64 = 0.9;
 
 /// Reads a picture of a drawing.
 pub(crate) fn read_traced(path: &Path) -> Result<DxfDrawing> {
@@ -83,11 +88,14 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     let dash = 1.2 * dash + scale.width;
     pieces.close_ends(dash, scale);
     pieces.place_nodes();
-    let mut drawing = DxfDrawing {
-        findings: vec![Finding::new(FindingCode::ScaleUnknown, UNSCALED)],
-        ..DxfDrawing::default()
-    };
-    for aligned in alignment::aligned(&pieces, &boxes, scale)? {
+    let mut drawing = DxfDrawing::default();
+    let curves = alignment::aligned(&pieces, &boxes, scale)?;
+    let dimensions = read_words(image).dimensions(ink.rows, READ);
+    match scale::pixel_length(&dimensions, &sizes(&curves, &pieces, &boxes)) {
+        Some((length, _)) => drawing.pixel_length = Some(length),
+        None => drawing.findings.push(Finding::new(FindingCode::ScaleUnknown, UNSCALED)),
+    }
+    for aligned in curves {
         let piece = &pieces.pieces[aligned.piece];
         if !piece.is_hidden && matches!(piece.shape, Shape::Line(..)) && aligned.curve.length() <= dash {
             drawing.open_styles.push(drawing.curves.len());
@@ -100,6 +108,21 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         });
     }
     Ok(drawing)
+}
+
+/// Widths and heights of the views.
+fn sizes(curves: &[AlignedCurve], pieces: &PieceGraph, boxes: &[marks::PixelBox]) -> Vec<f64> {
+    let mut sizes = Vec::new();
+    for view in boxes {
+        let is_in = |c: &&AlignedCurve| marks::contains(view, pieces.pieces[c.piece].ends[0], 2.0);
+        let bounds: Vec<[[f64; 2]; 2]> = curves.iter().filter(is_in).map(|c| c.curve.bounds()).collect();
+        for axis in 0..2 {
+            let from = bounds.iter().map(|b| b[axis][0]).fold(f64::INFINITY, f64::min);
+            let to = bounds.iter().map(|b| b[axis][1]).fold(f64::NEG_INFINITY, f64::max);
+            sizes.push(to - from);
+        }
+    }
+    sizes
 }
 
 /// A range of rows as y upwards.

@@ -61,7 +61,7 @@ const PLATEAU_SIGMAS: f64 = 5.0;
 const MAX_SAMPLES: usize = 4;
 /// Grey levels count as those of `n` samples if their variance about them is below this fraction of that of
 /// evenly spread levels. Four sides along the rows at independent places pass by chance in 2 of 100 pictures;
-/// σ is then too large. A single side passes more often: its levels do not tell.
+/// σ is then too large. A single side passes more often: its levels do not show it.
 const SAMPLED_SHARE: f64 = 0.1;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
 const MIN_DISTANCE_SIGMAS: f64 = 3.0;

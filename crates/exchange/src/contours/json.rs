@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 use planish_contour::constraint::Constraint;
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::EstimatedContour;
-use planish_core::Unit;
+use planish_core::{Finding, FindingCode, FindingLevel, Unit};
 use planish_estimate::{Error, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -38,6 +38,8 @@ pub struct ContourFile {
     pub constraints: Option<Vec<Constraint>>,
     /// The unit of lengths, if stated.
     pub unit: Option<Unit>,
+    /// Warnings of the estimation.
+    pub warnings: Vec<Finding>,
 }
 
 #[derive(Deserialize)]
@@ -47,6 +49,14 @@ struct Written {
     contours: Option<Vec<WrittenContour>>,
     constrained: Option<WrittenConstraints>,
     unit: Option<String>,
+    #[serde(default)]
+    findings: Vec<WrittenFinding>,
+}
+
+#[derive(Deserialize)]
+struct WrittenFinding {
+    code: String,
+    text: String,
 }
 
 #[derive(Deserialize)]
@@ -130,7 +140,14 @@ fn parse(text: &str) -> Result<ContourFile> {
             own.map(|written| written.constraint).collect()
         }),
         unit,
+        warnings: written.findings.iter().filter_map(warning).collect(),
     })
+}
+
+/// A finding of level warning or error, if its code is known.
+fn warning(written: &WrittenFinding) -> Option<Finding> {
+    let code = FindingCode::ALL.iter().find(|code| code.as_str() == written.code)?;
+    (code.level() != FindingLevel::Info).then(|| Finding::new(*code, written.text.clone()))
 }
 
 fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {

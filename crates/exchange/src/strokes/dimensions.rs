@@ -42,7 +42,7 @@ pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText
             }
         }
     }
-    // Arrowheads of dimensions in a row face those of their neighbours, too: numbers tell which are pairs.
+    // Arrowheads of dimensions in a row face those of their neighbours, too: numbers show which are pairs.
     candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut used = vec![false; arrows.len()];
     let mut used_numbers = vec![false; stated.len()];

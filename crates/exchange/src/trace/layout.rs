@@ -45,7 +45,7 @@ pub(super) fn layout_of(extents: &[Extent]) -> Option<Layout> {
                 let top_level = top.is_none_or(|t| are_level(front, t, 0) && !are_level(front, t, 1));
                 let side_level = side.is_none_or(|s| are_level(front, s, 1) && !are_level(front, s, 0));
                 let is_aligned = top_level && side_level;
-                // Views that are not aligned need all three sizes to be told apart.
+                // Views that are not aligned need all three sizes to be distinguished.
                 if !is_aligned && (top.is_none() || side.is_none()) {
                     continue;
                 }

@@ -9,6 +9,7 @@ use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::dxf::DxfDrawing;
 use planish_exchange::{Unit, extension, read_drawing};
+use planish_report::numbers::significant;
 use planish_solid::drawing::ViewContent;
 use planish_solid::views::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
@@ -41,8 +42,12 @@ pub(super) fn read(job: &SolidJob) -> Result<(Vec<ReadDrawing>, Unit)> {
     for (path, kind) in job.views.iter().zip(kinds(job)) {
         let name = path.display();
         let mut file = read_drawing(path)?;
-        if let Some(scale) = job.scale {
+        if let Some(scale) = job.scale.or(file.pixel_length) {
             scale_file(&mut file, scale);
+        }
+        if let Some(length) = file.pixel_length.filter(|_| job.scale.is_none()) {
+            let text = format!("{name}: a pixel is {} long by the dimensions", significant(length, 4));
+            findings.push(Finding::new(FindingCode::ScaleApplied, text));
         }
         if file.curves.is_empty() {
             return Err(Error::input(format!(

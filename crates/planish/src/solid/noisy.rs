@@ -80,6 +80,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
     for (path, kind) in job.views.iter().zip(super::kinds(job)) {
         let file = read_contour_json(path)?;
         let named = |e: Error| e.in_context(path.display());
+        findings.extend(file.warnings.iter().map(|warning| warning.clone().in_context(path.display())));
         if let (Some((known, other)), Some(own)) = (unit, file.unit)
             && known != own
         {

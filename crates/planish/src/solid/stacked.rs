@@ -29,7 +29,7 @@ use planish_solid::stack::{SectionLoop, Slab, stack_of};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Horizontal lines of an outline are inclined by less than this (1°). Others are oblique.
 const MAX_INCLINATION: f64 = 0.0175;
@@ -91,6 +91,8 @@ pub struct ReportedStack {
 pub(super) struct Sections {
     sections: ContourFile,
     outlines: Vec<ContourFile>,
+    /// Warnings of their estimation.
+    warnings: Vec<Finding>,
 }
 
 /// The files, if one of them has contours of several levels; `None` for views.
@@ -102,6 +104,10 @@ pub(super) fn read(job: &SolidJob) -> Result<Option<Sections>> {
     for path in &job.views {
         files.push((path, read_contour_json(path)?));
     }
+    let named = |(path, file): &(&PathBuf, ContourFile)| -> Vec<Finding> {
+        file.warnings.iter().map(|warning| warning.clone().in_context(path.display())).collect()
+    };
+    let warnings = files.iter().flat_map(named).collect();
     let has_levels = |file: &ContourFile| {
         let mut levels = file.levels.iter().flatten();
         levels.next().is_some_and(|first| levels.any(|level| level != first))
@@ -118,7 +124,7 @@ pub(super) fn read(job: &SolidJob) -> Result<Option<Sections>> {
     for (other, file) in &files {
         check_unit(path, &sections, other, file)?;
     }
-    Ok(Some(Sections { sections, outlines: files.into_iter().map(|(_, file)| file).collect() }))
+    Ok(Some(Sections { sections, outlines: files.into_iter().map(|(_, file)| file).collect(), warnings }))
 }
 
 fn check_unit(path: &Path, sections: &ContourFile, other: &Path, file: &ContourFile) -> Result<()> {
@@ -165,7 +171,7 @@ pub(super) fn solve(job: &SolidJob, files: &Sections, progress: &dyn Progress) -
     let prepared = writing::prepare(job, &[&solid], tolerance)?;
     let (written_as, mut written) = writing::write(job, &prepared, unit)?;
     let faces: FaceCounts = counts(&solid);
-    let mut findings = Vec::new();
+    let mut findings = files.warnings.clone();
     for between in heights.iter().filter_map(|height| height.between) {
         let text = format!(
             "a step lies between the levels {} and {}, and no outline shows where: its height is the middle, \
@@ -184,6 +190,7 @@ pub(super) fn solve(job: &SolidJob, files: &Sections, progress: &dyn Progress) -
             cost: solid.faces.len() as f64,
         }],
         complete: true,
+        edits: Vec::new(),
         unexplained: Vec::new(),
         refused: Vec::new(),
         dropped: Vec::new(),
