@@ -49,8 +49,8 @@ const SIGMAS: [f64; 2] = [0.35, 0.15];
 const GREY_SHARE: f64 = 0.3;
 
 /// What a user must know about lengths.
-const UNSCALED: &str = "lengths are in pixels of the picture, because no two dimensions that agree could be read: specify the \
-     scale";
+const UNSCALED: &str = "lengths are in pixels of the picture, because no two dimensions that agree could be \
+     read: specify the scale";
 /// Probability from which the number of a dimension is used.
 const READ: f64 = 0.9;
 

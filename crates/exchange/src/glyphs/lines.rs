@@ -148,10 +148,10 @@ fn joined(mut chains: Vec<Chain>) -> Vec<Chain> {
     let mut found: Vec<Chain> = Vec::new();
     for chain in chains {
         let fits = |own: &&mut Chain| {
-            let gap = chain.first.wrapping_sub(own.end());
+            let gap = chain.first.checked_sub(own.end()).filter(|gap| *gap <= LONGEST_GAP);
+            let Some(gap) = gap else { return false };
             let reach = own.slope() * (gap + 1) as f32;
-            gap <= LONGEST_GAP
-                && (own.middle(own.bands.len() - 1) + reach - chain.middle(0)).abs() <= OFFSET
+            (own.middle(own.bands.len() - 1) + reach - chain.middle(0)).abs() <= OFFSET
                 && (chain.slope() - own.slope()).abs() < 0.03
         };
         // Recent chains are at the end.
@@ -171,4 +171,19 @@ fn joined(mut chains: Vec<Chain>) -> Vec<Chain> {
     }
     found.retain(|c| c.bands.len() >= SHORTEST);
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chain goes on after a gap; one that begins beside another is a line of its own.
+    #[test]
+    fn chains_are_joined_over_gaps() {
+        let chain = |first, at, count| Chain { first, bands: vec![(at, at + 1); count] };
+        let (long, gap) = (2 * SHORTEST, LONGEST_GAP / 2);
+        let joined_chains = joined(vec![chain(0, 5, long), chain(long + gap, 5, long)]);
+        assert_eq!(joined_chains.iter().map(|c| c.bands.len()).collect::<Vec<_>>(), [2 * long + gap]);
+        assert_eq!(joined(vec![chain(0, 5, long), chain(SHORTEST, 5, long)]).len(), 2);
+    }
 }

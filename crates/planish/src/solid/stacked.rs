@@ -455,7 +455,7 @@ fn heights(sections: &[Section], measured: &[[f64; 2]]) -> Result<Vec<ReportedHe
             ([], false) => {
                 return Err(Error::undetermined(
                     "sections give no height of the bottom and the top: add an outline from the front or the \
-                     side (planish contour --kind polygon-N)",
+                     side, a contour of kind polygon-N",
                 ));
             }
             (several, _) => {

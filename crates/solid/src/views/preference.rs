@@ -25,7 +25,8 @@ use std::f64::consts::TAU;
 /// Positions of samples along a piece and along the line of sight, as shares.
 const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
 
-/// Distance from the sides of a square at which cells on both sides are compared, in radii of the circle in it.
+/// Distance from the sides of a square at which cells on both sides are compared, in radii of the circle in
+/// it.
 const CORNER: f64 = 1e-3;
 /// Places along a side of the square, in radii from its middle. At these, the circle is farther from the side
 /// than [`CORNER`].
@@ -53,8 +54,8 @@ fn undrawn_faces(cells: &Cells) -> Vec<Preference> {
     planes.into_values().map(|pairs| Preference { pairs }).collect()
 }
 
-/// Preferences for round features where a circle is a candidate: beyond the circle, the square around it is as
-/// what surrounds it. One for each circle and interval along its axis.
+/// Preferences for round features where a circle is a candidate: between the circle and the square around it
+/// is the material of its surroundings. One for each circle and interval along its axis.
 fn round_candidates(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     let mut found = Vec::new();

@@ -347,8 +347,8 @@ impl Encoder {
     /// Solves with all required literals and as many preferences as are compatible. Returns the assumptions;
     /// none if the literals contradict each other.
     ///
-    /// Preferences that occur in the core of a contradiction are dropped one by one, later all of a core. This
-    /// is not a maximum set.
+    /// Preferences that occur in the core of a contradiction are dropped one by one, later all of a core.
+    /// This is not a maximum set.
     fn first_choice(&mut self, on: &[Lit], mut preferred: Vec<Lit>) -> Option<Vec<Lit>> {
         for query in 0.. {
             let assumed: Vec<Lit> = on.iter().chain(&preferred).copied().collect();
