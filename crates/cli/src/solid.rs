@@ -30,7 +30,7 @@ Views:
   top    seen from +z, shows x and y
   side   seen from +x, shows y and z
 All views share one frame and one scale. On a sheet with all views, the views are found and aligned with \
-the front view; frame, title block, dimensions, notes, sections and other views are set aside and listed \
+the front view; frame, title block, dimensions, notes, sections and other views are left out and listed \
 (--json). The lower left corner of each view becomes its origin, on such a sheet and in SVG and PDF files \
 and pictures. Lengths are multiplied by the scale that the dimensions or the title block state.
 
@@ -104,8 +104,8 @@ pub struct SolidArgs {
     scale: Option<f64>,
     /// Place of a view in one file with all views, such as `front=0,0,40,20`; repeatable
     ///
-    /// The numbers are left, bottom, right and top in the coordinates of the file. Lines elsewhere are set
-    /// aside.
+    /// The numbers are left, bottom, right and top in the coordinates of the file. Lines elsewhere are left
+    /// out.
     #[arg(long = "view", value_name = "KIND=X0,Y0,X1,Y1", value_parser = place, hide_short_help = true,
           help_heading = "Views")]
     places: Vec<ViewPlace>,

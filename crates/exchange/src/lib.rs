@@ -54,6 +54,7 @@
 //! | [`npy`] | NPY, NPZ | points, organised points | |
 //! | [`depth`] | PNG, TIFF, NPY | depth images, with the [`calibration`] of their camera | |
 //! | [`dxf`], [`svg`], [`pdf`] | DXF (ASCII), SVG, PDF | curves of drawings | |
+//! | [`read_drawing`] | the same, and pictures (PNG, JPEG, TIFF) | curves of drawings | |
 //! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures | PNG |
 //! | [`glyphs`] | pictures | texts, arrowheads and dimensions of drawings | |
 //! | [`raster`] | TIFF, NPY | | values per pixel |

@@ -38,7 +38,7 @@ pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, 
 use planish_solid::reprojection::Disagreement;
 pub use planish_solid::sheet::Projection;
 pub use planish_solid::views::ViewKind;
-use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution};
+use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, Solutions};
 use search::{SearchedReading, search_further, search_readings};
 use serde::Serialize;
 use settings::check_settings;
@@ -273,15 +273,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
         _ => None,
     };
-    // Not an error: the solids that were found are correct, but there may be others.
-    if !found.complete {
-        let text = format!(
-            "only {} solids were examined, and there may be more: add a view or hidden lines to \
-             distinguish them",
-            found.solutions.len()
-        );
-        findings.push(Finding::new(FindingCode::SearchIncomplete, text));
-    }
+    findings.extend(search_incomplete(&found));
     // Coordinates that nearly agree are the usual reason. In contours, σ has decided already which are equal.
     if accepted.is_empty() && noisy.is_none() && undecided.is_none() {
         findings.extend(drawing::misses(&drawing, &job.views));
@@ -334,6 +326,15 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         report.written.push(page.path.clone());
     }
     Ok(report)
+}
+
+/// A finding if the search was cut off. Not an error: the solids that were found are correct.
+fn search_incomplete(found: &Solutions) -> Option<Finding> {
+    let text = format!(
+        "only {} solids were examined, and there may be more: add a view or hidden lines to distinguish them",
+        found.solutions.len()
+    );
+    (!found.complete).then(|| Finding::new(FindingCode::SearchIncomplete, text))
 }
 
 /// Splits solutions into those that show exactly the lines of the drawing and those that are refused.

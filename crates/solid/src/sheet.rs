@@ -4,11 +4,11 @@
 //! arrowheads and dimensions), and options. **Output.** A [`SheetReading`]: the views in the part's
 //! coordinates and in its true size, and why each other curve was left out.
 //!
-//! 1. A rectangle that contains everything else is a frame. It is set aside with all that touches it (zones,
+//! 1. A rectangle that contains everything else is a frame. It is left out with all that touches it (zones,
 //!    title block) and all that lies within its title block (the projection symbol).
 //! 2. Curves with an arrowhead are dimensions, leaders or marks. Of the pens, those whose curves mostly have
 //!    a free end draw annotations: edges of a part end at other edges. Of the other pens beside that of the
-//!    outlines, curves with a free end are set aside.
+//!    outlines, curves with a free end are left out.
 //! 3. Curves whose bounding boxes touch form groups. The views are the groups that are aligned with one of
 //!    them, the front view, and agree with it in their extents; of several choices, that with the most
 //!    curves. Details and pictorial views align with none.
@@ -210,7 +210,7 @@ struct SheetReader<'a> {
     annotations: &'a Annotations,
     contacts: Contacts,
     boxes: Vec<SheetBox>,
-    /// Why each curve is set aside; none while it may belong to a view.
+    /// Why each curve is left out; none while it may belong to a view.
     reasons: Vec<Option<SetAsideReason>>,
     /// Accuracy of contacts.
     near: f64,

@@ -154,7 +154,7 @@ fn described(reading: &SheetReading) -> Vec<Finding> {
     if !counts.is_empty() {
         let list: Vec<String> =
             counts.iter().map(|(reason, count)| format!("{count} × {}", reason.name())).collect();
-        let text = format!("set aside as no part of a view: {}", list.join(", "));
+        let text = format!("left out as no part of a view: {}", list.join(", "));
         findings.push(Finding::new(FindingCode::SheetSetAside, text));
     }
     for view in &reading.drawing.views {

@@ -3,7 +3,7 @@
 //! In: the equations after the last iteration. Out: a [`ShellFit`].
 
 use super::correlation::{Residual, ResidualCorrelation};
-use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
+use super::equations::{ByVertex, Equation, Equations, NormalEquations, SCALES, Source, sum};
 use super::interpolation::{CloserControls, FitSmoothness, noise_vectors};
 use super::priors::Priors;
 use super::problem::State;
@@ -17,7 +17,7 @@ use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
 use nalgebra::{DMatrix, DVector};
 use planish_core::DVec3;
-use planish_estimate::{Result, Termination};
+use planish_estimate::{Loss, LossMoments, Result, Termination};
 use planish_mesh::{MeshSearch, TriangleMesh};
 
 /// Weight of the loss below which a reading is reported as an outlier: for Tukey's loss, a residual of
@@ -66,12 +66,7 @@ pub(super) fn finished(
     let left = leverage_of_signs(equations, deformation, (&with_priors, moments.slope), factors, counts)?;
     let misfits = misfits(equations, &left, priors, counts);
     let together = misfits.map(|misfit| misfit.together);
-    let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
-    // The information of an M-estimate is E[ψ']²/E[ψ²] times that of unweighted equations; the weights have
-    // already multiplied it by their mean.
-    let share = moments.slope * moments.slope / (moments.influence_squared * moments.weight);
-    pass.information *= share;
-    pass.vector *= share;
+    let pass = robust_sum(equations, deformation, poses, (loss, &moments), (factors, &together));
     let mut of_data = priors.without_poses(&state, &pass)?;
     // Correlated readings count less here than in the estimate of the share.
     let relative = moments.slope / (moments.influence_squared * together[Source::Point.scale()]);
@@ -129,6 +124,22 @@ pub(super) fn finished(
         termination: Termination::Limit,
         iterations: 0,
     })
+}
+
+/// The sum of equations of an M-estimate: its information is E[ψ']²/E[ψ²] times that of unweighted equations,
+/// and the weights have already multiplied that by their mean.
+fn robust_sum(
+    equations: &[Equations],
+    deformation: &dyn Deformation,
+    poses: usize,
+    (loss, moments): (&Loss, &LossMoments),
+    scales: (&[f64; SCALES], &[f64; SCALES]),
+) -> NormalEquations {
+    let mut pass = sum(equations, deformation, poses, loss, scales, false);
+    let share = moments.slope * moments.slope / (moments.influence_squared * moments.weight);
+    pass.information *= share;
+    pass.vector *= share;
+    pass
 }
 
 /// The covariance of each camera's pose; none for known poses.
