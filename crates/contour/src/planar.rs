@@ -61,6 +61,7 @@ pub use reading::{ContourReading, ContourTarget, Form, PlanarMotion};
 pub use sides::Side;
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub use start::circle as circle_of_points;
+pub use start::circle_of_moments;
 pub use start::starts;
 pub use walls::{Wall, WallCorner, WallMap, find_walls, wall_corners};
 

@@ -21,7 +21,7 @@ mod writing;
 pub use noisy::{NoisyGeometry, ReportedView};
 use planish_core::finding::with_warnings;
 use planish_core::{Finding, FindingCode, Length};
-use planish_report::numbers::significant;
+use planish_report::numbers::{counted, significant};
 pub use repaired::ReportedEdit;
 pub use sheet::{ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
 pub use stacked::{ReportedHeight, ReportedSection, ReportedStack, SectionContour};
@@ -331,8 +331,9 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
 /// A finding if the search was cut off. Not an error: the solids that were found are correct.
 fn search_incomplete(found: &Solutions) -> Option<Finding> {
     let text = format!(
-        "only {} solids were examined, and there may be more: add a view or hidden lines to distinguish them",
-        found.solutions.len()
+        "the search was cut off after {}, and there may be more: add a view or hidden lines to distinguish \
+         them",
+        counted(found.solutions.len(), "solid")
     );
     (!found.complete).then(|| Finding::new(FindingCode::SearchIncomplete, text))
 }

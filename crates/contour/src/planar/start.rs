@@ -179,6 +179,14 @@ pub fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
         yz += y * z / n;
         zz += z * z / n;
     }
+    let ([x, y], radius) = circle_of_moments([xx, xy, yy, xz, yz, zz])?;
+    Some(vec![x + c[0], y + c[1], radius])
+}
+
+/// Taubin's circle of points about their centroid, given the means of `x², xy, y², xz, yz` and `z²` with
+/// `z = x² + y²`: its centre, relative to the centroid, and its radius. `None` if the points are collinear.
+#[must_use]
+pub fn circle_of_moments([xx, xy, yy, xz, yz, zz]: [f64; 6]) -> Option<([f64; 2], f64)> {
     let z = xx + yy;
     let determinant = xx * yy - xy * xy;
     let variance = zz - z * z;
@@ -203,7 +211,7 @@ pub fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let d = x * x - x * z + determinant;
     let center = [(xz * (yy - x) - yz * xy) / (2.0 * d), (yz * (xx - x) - xz * xy) / (2.0 * d)];
     let radius = (center[0] * center[0] + center[1] * center[1] + z).sqrt();
-    (radius.is_finite() && radius > 0.0).then(|| vec![center[0] + c[0], center[1] + c[1], radius])
+    (radius.is_finite() && radius > 0.0).then_some((center, radius))
 }
 
 /// The direct fit, and an ellipse slightly larger than half the best box, for readings where the direct fit

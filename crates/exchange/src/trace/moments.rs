@@ -3,6 +3,7 @@
 //! # References
 //! Chernov, *Circular and linear regression*, 2010: Taubin's circle by Newton's method (section 5.8).
 
+use planish_contour::planar::circle_of_moments;
 use planish_solid::views::{Curve2, distance};
 
 /// Sums of powers of coordinates.
@@ -158,30 +159,8 @@ impl Moments {
             - 4.0 * cc * (cx * self.x + cy * self.y);
         let mzz = zz / n;
         let mz = mxx + myy;
-        let cov = mxx * myy - mxy * mxy;
-        let var = mzz - mz * mz;
-        let a3 = 4.0 * mz;
-        let a2 = -3.0 * mz * mz - mzz;
-        let a1 = var * mz + 4.0 * cov * mz - mxz * mxz - myz * myz;
-        let a0 = mxz * (mxz * myy - myz * mxy) + myz * (myz * mxx - mxz * mxy) - var * cov;
-        let (mut x, mut y) = (0.0_f64, a0);
-        for _ in 0..30 {
-            let slope = a1 + x * (2.0 * a2 + 3.0 * a3 * x);
-            let next = x - y / slope;
-            if !next.is_finite() || (next - x).abs() <= 1e-12 * x.abs().max(1e-12) {
-                break;
-            }
-            let value = a0 + next * (a1 + next * (a2 + next * a3));
-            if value.abs() >= y.abs() {
-                break;
-            }
-            (x, y) = (next, value);
-        }
-        let det = x * x - x * mz + cov;
-        let a = (mxz * (myy - x) - myz * mxy) / (2.0 * det);
-        let b = (myz * (mxx - x) - mxz * mxy) / (2.0 * det);
-        let radius = (a * a + b * b + mz).sqrt();
-        if !(radius.is_finite() && radius > 0.5 && radius < 1e5) {
+        let ([a, b], radius) = circle_of_moments([mxx, mxy, myy, mxz, myz, mzz])?;
+        if !(0.5..1e5).contains(&radius) {
             return None;
         }
         let sum = mzz + 4.0 * a * a * mxx + 4.0 * b * b * myy + mz * mz

@@ -98,6 +98,7 @@ pub(crate) fn solid_page(
         .collect();
     let headline = match report.solutions.len() {
         0 => "No solid has these views.".to_owned(),
+        1 if !report.edits.is_empty() => "One solid has these views after edits of the drawing.".to_owned(),
         1 => "One solid has these views.".to_owned(),
         n => format!("{n} solids have these views; they are shown side by side, the best on the left."),
     };
