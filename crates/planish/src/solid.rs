@@ -1,9 +1,9 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Input: DXF, SVG or PDF files, one a view, or one with all views; or contours with their covariance as
-//! `planish contour` writes them, one a view. Output: the solids, best first, each a STEP file with true
-//! planes and cylinders, or a watertight mesh; and which lines none of them explains. A solid is written only
-//! where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
+//! Input: DXF, SVG or PDF files or pictures, one a view, or one with all views; or contours with their
+//! covariance as `planish contour` writes them, one a view. Output: the solids, best first, each a STEP file
+//! with true planes and cylinders, or a watertight mesh; and which lines none of them explains. A solid is
+//! written only where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
 
 mod drawing;
 mod misses;
@@ -48,8 +48,8 @@ use std::path::PathBuf;
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF, SVG or PDF files, or `.json` files of contours, of the front, top and side view, in this order.
-    /// The side view is optional. One drawing may contain all views.
+    /// DXF, SVG or PDF files, pictures, or `.json` files of contours, of the front, top and side view, in
+    /// this order. The side view is optional. One drawing may contain all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed; found from the sheet if none is given.
     pub projection: Option<Projection>,

@@ -19,6 +19,7 @@ use crate::drawing::{distance, nearest_on_curve};
 use crate::reprojection::{Difference, Disagreement, ReprojectionOptions, disagreements};
 use crate::sheet::circles_across;
 use crate::views::{Bodies, Solution, solve_doubtful};
+use planish_contour::planar::circle_of_points;
 use std::f64::consts::TAU;
 
 /// Maximum cost of a repair. Every drawing shows a solid after enough edits, so more would prove nothing.
@@ -260,20 +261,11 @@ fn is_same_line(a: &Edit, b: &Edit, near: f64) -> bool {
     if first != last && is_near(line.clone(), &many.places) {
         return is_near(line, &few.places);
     }
-    circle_through(first, many.places[many.places.len() / 2], last).is_some_and(|(center, radius)| {
-        let circle = Curve2::Arc { center, radius, start: 0.0, sweep: TAU };
+    let middle = many.places[many.places.len() / 2];
+    circle_of_points(&[first, middle, last]).is_some_and(|c| {
+        let circle = Curve2::Arc { center: [c[0], c[1]], radius: c[2], start: 0.0, sweep: TAU };
         is_near(circle.clone(), &many.places) && is_near(circle, &few.places)
     })
-}
-
-/// The centre and radius of the circle through three points; none if they are on a line.
-fn circle_through(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<([f64; 2], f64)> {
-    let [p, q] = [b, c].map(|end| [end[0] - a[0], end[1] - a[1]]);
-    let double = 2.0 * (p[0] * q[1] - p[1] * q[0]);
-    let [s, t] = [p, q].map(|d| d[0] * d[0] + d[1] * d[1]);
-    let off = [(q[1] * s - p[1] * t) / double, (p[0] * t - q[0] * s) / double];
-    let radius = off[0].hypot(off[1]);
-    radius.is_finite().then(|| ([a[0] + off[0], a[1] + off[1]], radius))
 }
 
 /// Curves that may be missing in a view and that no other view sees edge-on: circles, by pairs of lines in

@@ -322,7 +322,7 @@ fn adjust(sections: &mut [Section], level: f64) -> Result<Adjusted> {
     let sketch = Sketch::new(&all)?;
     let mut tested = candidates(&sketch.drawing);
     let extent = sketch.drawing.extent();
-    // Walls of two sections in line have equal coordinates; within a contour, other relations say so.
+    // Walls of two sections in line have equal coordinates; points of one contour have other relations.
     let points: Vec<(usize, PointId)> = (sketch.parts.iter().enumerate())
         .flat_map(|(k, part)| (0..part.count.points).map(move |i| (k, part.first.points + i)))
         .map(|(k, i)| (k, PointId(i)))
