@@ -28,8 +28,9 @@ mod tests;
 
 use crate::Unit;
 use crate::source::read_file;
+use crate::strokes::add_dimensions_between;
 use dimension::DimensionLengths;
-pub(crate) use dimension::stated as stated_length;
+pub(crate) use dimension::{has_diameter_sign, stated as stated_length};
 use groups::{Groups, Record};
 use line_style::Dashes;
 use placed::{Block, Drawer, Items, Place, Sheet};
@@ -160,6 +161,9 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     }
     drawing.annotations.dimensions = lengths.of(&dimensions)?;
     drawing.annotations.diameters = lengths.diameters(&dimensions)?;
+    drawing.annotations.length_factor = lengths.only_factor();
+    // Programs also write dimensions as lines, arrowheads and texts.
+    add_dimensions_between(&mut drawing.annotations);
     drawing.findings.extend(dimension::conflicts(&dimensions, &drawing)?);
     // Otherwise any text of alternating whole numbers and words would count as an empty drawing.
     if !ended && drawing.curves.is_empty() {

@@ -30,7 +30,7 @@ mod shape;
 mod tests;
 mod words;
 
-use crate::strokes::dimensions_between;
+use crate::strokes::lengths_between;
 use arrows::Head;
 use grammar::is_dimension;
 use ink::Ink;
@@ -106,7 +106,8 @@ impl PictureText {
         let heads: Vec<[[f64; 2]; 3]> =
             self.arrowheads.iter().map(|corners| corners.map(|p| upwards(p, rows))).collect();
         let sure = self.words.iter().filter(|w| w.confidence >= confidence && w.is_dimension());
-        dimensions_between(&heads, &sure.map(|word| word.sheet_text(rows)).collect::<Vec<SheetText>>())
+        let texts: Vec<SheetText> = sure.map(|word| word.sheet_text(rows)).collect();
+        lengths_between(&heads, &texts).into_iter().map(|length| length.dimension).collect()
     }
 }
 

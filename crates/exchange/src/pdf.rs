@@ -28,7 +28,7 @@ use crate::Unit;
 use crate::dxf::DxfDrawing;
 use crate::source::read_file;
 use crate::strokes::{
-    Accuracy, Stroke, dimensions_between, join_dashes, share_centres, smoothed, take_hatching,
+    Accuracy, Stroke, add_dimensions_between, join_dashes, share_centres, smoothed, take_hatching,
 };
 use content::{Drawn, Painter};
 use file::PdfFile;
@@ -114,7 +114,6 @@ fn drawing_of(drawn: Drawn) -> DxfDrawing {
     ignore(&mut drawing, "centre line of single dashes", centre_lines, "");
     let texts = texts_of(drawn.runs);
     ignore(&mut drawing, "text", texts.len(), "");
-    let dimensions = dimensions_between(&drawn.triangles, &texts);
     let pens = strokes.iter().map(|s| s.pen).collect();
     drawing.curves = strokes.into_iter().map(|s| s.drawn).collect();
     // Only the box of a hatch is known, so that it states a section, and rarely its shape.
@@ -124,9 +123,9 @@ fn drawing_of(drawn: Drawn) -> DxfDrawing {
         texts,
         hatches: hatches.into_iter().map(corners).collect(),
         arrowheads: drawn.triangles,
-        dimensions,
         ..Annotations::default()
     };
+    add_dimensions_between(&mut drawing.annotations);
     drawing.rounding = Some(rounding);
     drawing
 }

@@ -13,7 +13,7 @@ mod tests;
 
 pub(crate) use centres::share_centres;
 pub(crate) use dashes::join_dashes;
-pub(crate) use dimensions::dimensions_between;
+pub(crate) use dimensions::{add_dimensions_between, lengths_between};
 pub(crate) use hatching::take_hatching;
 pub(crate) use smoothing::smoothed;
 

@@ -39,7 +39,7 @@ pub(super) fn plain_text(text: &str) -> String {
     }
     plain.push_str(left);
     let braces: &[char] = &['{', '}'];
-    let plain = plain.replace(braces, "").replace("%%c", " ").replace("%%C", " ");
+    let plain = plain.replace(braces, "").replace("%%c", "Ø").replace("%%C", "Ø");
     plain.replace("%%p", "±").replace("%%P", "±").trim().to_owned()
 }
 

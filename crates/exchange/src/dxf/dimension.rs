@@ -37,7 +37,7 @@ pub(super) struct DimensionLengths {
 /// Signs of a diameter in texts: the code of DXF, and characters in use.
 const DIAMETER_SIGNS: [&str; 7] = ["%%c", "%%C", "Ø", "ø", "⌀", "∅", "\\U+2205"];
 
-fn has_diameter_sign(text: &str) -> bool {
+pub(crate) fn has_diameter_sign(text: &str) -> bool {
     DIAMETER_SIGNS.iter().any(|sign| text.contains(sign))
 }
 
@@ -91,6 +91,16 @@ impl DimensionLengths {
             found.push(SheetDimension { drawn, stated, rounding });
         }
         Ok(found)
+    }
+
+    /// The factor other than 1 of the header or of a style, if there is only one: templates have styles for
+    /// many scales.
+    pub(super) fn only_factor(&self) -> Option<f64> {
+        let all = self.factor.into_iter().chain(self.by_style.values().copied());
+        let mut factors: Vec<f64> = all.filter(|factor| *factor != 1.0).collect();
+        factors.sort_by(f64::total_cmp);
+        factors.dedup();
+        (factors.len() == 1).then(|| factors[0])
     }
 
     /// The factor of a dimension: its own, that of its style, or that of the header.

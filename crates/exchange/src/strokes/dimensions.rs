@@ -1,7 +1,7 @@
 //! Dimensions: two arrowheads that point away from or towards each other, and the number between them.
 
-use crate::dxf::stated_length;
-use planish_solid::sheet::{SheetDimension, SheetText};
+use crate::dxf::{has_diameter_sign, stated_length};
+use planish_solid::sheet::{Annotations, SheetDimension, SheetText};
 use planish_solid::views::distance;
 
 /// Maximum number of arrowheads, which are compared in pairs.
@@ -18,17 +18,35 @@ struct Arrow {
     length: f64,
 }
 
+/// A length between two arrowheads.
+pub(crate) struct LengthBetween {
+    /// The tips of the arrowheads.
+    pub(crate) ends: [[f64; 2]; 2],
+    pub(crate) dimension: SheetDimension,
+    /// Whether its text has the sign of a diameter (Ø).
+    pub(crate) is_diameter: bool,
+}
+
+/// Adds the dimensions and diameters that arrowheads and texts of a drawing show.
+pub(crate) fn add_dimensions_between(annotations: &mut Annotations) {
+    for length in lengths_between(&annotations.arrowheads, &annotations.texts) {
+        annotations.dimensions.push(length.dimension);
+        annotations.diameters.extend(length.is_diameter.then_some(length.ends));
+    }
+}
+
 /// The dimensions that arrowheads and texts show.
-pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText]) -> Vec<SheetDimension> {
+pub(crate) fn lengths_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText]) -> Vec<LengthBetween> {
     let arrows: Vec<Arrow> = triangles.iter().take(MAX_ARROWS).filter_map(arrow).collect();
-    let stated: Vec<([f64; 2], (f64, f64))> =
-        texts.iter().filter_map(|text| Some((text.at, stated_length(&text.text)?))).collect();
+    let stated: Vec<(&SheetText, (f64, f64))> =
+        texts.iter().filter_map(|text| Some((text, stated_length(&text.text)?))).collect();
     let mut candidates = Vec::new();
     for (k, own) in arrows.iter().enumerate() {
         for (j, other) in arrows.iter().enumerate().skip(k + 1) {
             let Some(drawn) = own.distance_to_partner(other) else { continue };
             let middle = [0, 1].map(|c| 0.5 * (own.tip[c] + other.tip[c]));
-            for (number, (at, _)) in stated.iter().enumerate() {
+            for (number, (text, _)) in stated.iter().enumerate() {
+                let at = text.at;
                 let off = [at[0] - middle[0], at[1] - middle[1]];
                 let [along, across] = [
                     off[0] * own.towards[0] + off[1] * own.towards[1],
@@ -36,7 +54,7 @@ pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText
                 ];
                 if along.abs() <= 0.5 * drawn && across.abs() <= BESIDE * own.length {
                     // Of equal dimensions in a row, outer arrowheads have the same middle as inner ones.
-                    let cost = distance(*at, middle) + 1e-3 * drawn;
+                    let cost = distance(at, middle) + 1e-3 * drawn;
                     candidates.push((cost, [k, j], number, drawn));
                 }
             }
@@ -50,8 +68,12 @@ pub(crate) fn dimensions_between(triangles: &[[[f64; 2]; 3]], texts: &[SheetText
     for (_, [k, j], number, drawn) in candidates {
         if !used[k] && !used[j] && !used_numbers[number] {
             [used[k], used[j], used_numbers[number]] = [true; 3];
-            let (stated, rounding) = stated[number].1;
-            found.push(SheetDimension { drawn, stated, rounding });
+            let (text, (stated, rounding)) = stated[number];
+            found.push(LengthBetween {
+                ends: [arrows[k].tip, arrows[j].tip],
+                dimension: SheetDimension { drawn, stated, rounding },
+                is_diameter: has_diameter_sign(&text.text),
+            });
         }
     }
     found

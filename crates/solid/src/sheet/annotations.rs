@@ -16,6 +16,9 @@ pub struct Annotations {
     pub arrowheads: Vec<[[f64; 2]; 3]>,
     /// Dimensions of lengths.
     pub dimensions: Vec<SheetDimension>,
+    /// The factor other than 1 from lengths of the drawing to the lengths that dimensions would state, as the
+    /// file sets it (`DIMLFAC`).
+    pub length_factor: Option<f64>,
     /// Ends of the lengths that dimensions state as diameters (Ø), seen from the side or along the axis.
     pub diameters: Vec<[[f64; 2]; 2]>,
 }

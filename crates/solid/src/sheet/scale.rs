@@ -33,8 +33,8 @@ const PAPER_TOLERANCE: f64 = 1.0;
 pub enum ScaleSource {
     /// Dimensions state it.
     Dimensions,
-    /// The title block states it, and the size of the frame shows that lengths are those on paper, or those
-    /// of the part.
+    /// The title block states it, and the size of the frame, or the factor of dimensions that the file sets,
+    /// shows that lengths are those on paper, or those of the part.
     TitleBlock,
     /// The title block states another scale than 1:1, and nothing shows whether lengths are those on paper.
     Unknown,
@@ -55,6 +55,10 @@ pub(super) fn scale_of(
     };
     let sizes = || frame.into_iter().flat_map(|f| &f.sizes).map(|size| size.map(|s| s * unit_mm));
     if sizes().any(is_paper) {
+        return (stated, ScaleSource::TitleBlock);
+    }
+    // The file would multiply lengths by the stated scale if it had dimensions.
+    if annotations.length_factor.is_some_and(|factor| (factor - stated).abs() < 1e-6 * stated) {
         return (stated, ScaleSource::TitleBlock);
     }
     // A sheet at 1:2 that is drawn in the part's size has a frame of twice the paper's size.

@@ -256,6 +256,9 @@ fn the_scale_is_that_of_dimensions_or_of_paper() {
         .collect();
     assert_eq!(with(&large, &stated).0, 1.0);
     assert_eq!(with(&part, &stated).1, ScaleSource::Unknown);
+    let factor = |factor| Annotations { length_factor: Some(factor), ..stated.clone() };
+    assert_eq!(with(&part, &factor(2.0)).0, 2.0);
+    assert_eq!(with(&part, &factor(5.0)).1, ScaleSource::Unknown);
 }
 
 #[test]
