@@ -41,6 +41,7 @@ mod drawing_grid;
 mod edge_splines;
 mod hatched;
 mod joined;
+mod nearest;
 mod oblique;
 mod oblique_sight;
 #[cfg(test)]
@@ -77,10 +78,11 @@ pub use crate::drawing::{
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::{coordinate_mismatches, joined};
+pub use nearest::{NearestSolid, solve_nearest};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 pub(crate) use search::Bodies;
-use search::{CellState, Conventions, Regularity, SmoothEdges};
+use search::{CellState, Conventions, Explained, Regularity, SmoothEdges};
 use sight::Expected;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -436,7 +438,7 @@ fn solve_grid(
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
-    if !solutions.unexplained.is_empty() {
+    if conventions.explained == Explained::All && !solutions.unexplained.is_empty() {
         // Not an error: the caller reports the lines.
         return Ok(solutions);
     }

@@ -5,12 +5,15 @@
 //! 3. The groups change as little as their σ allow so that ends lie on circles, and circles reach the lines
 //!    that show them in other views.
 
+mod equations;
+
 use super::consistent::{Equation, SOLVED, solved};
 use super::ends::tangent_point;
 use super::layout::{Extent, Layout, corners, layout_of};
 use super::marks::PixelBox;
 use super::moments::Shape;
 use super::pieces::{LineScale, Piece, PieceGraph};
+use equations::equations;
 use planish_estimate::{Error, Result};
 use planish_solid::drawing::ViewKind;
 use planish_solid::views::{Curve2, distance};
@@ -22,10 +25,14 @@ const SAME: f64 = 3.0;
 const RIM: [f64; 2] = [0.3, 1.2];
 /// Maximum difference of sizes of views after alignment, relative to the largest size.
 const MAX_MISFIT: f64 = 1e-3;
+/// Maximum distance of the line at the end of a view from the extent of all its curves, in pixels.
+const END_OF_VIEW: f64 = 1.5;
 /// Slope of a line that is parallel to an axis: pixels over its length, in addition σ, and radians.
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
 const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
+/// Minimum number of points of a piece from which the extent of a view follows.
+const MIN_CLEAR_POINTS: usize = 6;
 /// How often equations that contradict others are left out.
 const MAX_REPEATS: usize = 8;
 
@@ -42,6 +49,8 @@ struct Value {
     is_rim: bool,
     /// Number of its group, once it is known.
     group: usize,
+    /// Whether it is the first (0) or last (1) line of its view along its axis: those of all views are one.
+    end_of_view: Option<usize>,
 }
 
 /// Values, and which pieces and nodes have them.
@@ -63,12 +72,25 @@ pub(super) struct AlignedCurve {
 }
 
 /// The curves of all views, placed in rows and columns, in pixels with y upwards.
-pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) -> Result<Vec<AlignedCurve>> {
+///
+/// `titles`: the kinds that titles state for the boxes.
+///
+/// # Errors
+/// `Input` if the sizes of the views do not agree.
+pub(super) fn aligned(
+    graph: &PieceGraph,
+    boxes: &[PixelBox],
+    titles: &[Option<ViewKind>],
+    scale: LineScale,
+) -> Result<Vec<AlignedCurve>> {
     let view_of = views_of(graph, boxes);
     let extents: Vec<Extent> = (0..boxes.len()).map(|v| extent_of(graph, &view_of, v)).collect();
-    let layout = layout_of(&extents);
+    let layout = layout_of(&extents, titles);
     let mut values = Values::new(graph, &view_of, scale);
     let frames = frames_of(&extents, layout.as_ref());
+    if layout.is_some() {
+        values.mark_ends(&extents);
+    }
     let groups = values.grouped(&frames, scale);
     let sigmas: Vec<f64> = groups.iter().map(|g| g.1).collect();
     let start: Vec<f64> = groups.iter().map(|g| g.0).collect();
@@ -228,8 +250,15 @@ fn views_of(graph: &PieceGraph, boxes: &[PixelBox]) -> Vec<Option<usize>> {
 }
 
 fn extent_of(graph: &PieceGraph, view_of: &[Option<usize>], view: usize) -> Extent {
-    let own = (0..graph.pieces.len()).filter(|k| view_of[*k] == Some(view) && !graph.pieces[*k].is_dropped);
-    own.fold([[f64::MAX, f64::MIN]; 2], |all, k| {
+    let is_own = |k: &usize| view_of[*k] == Some(view) && !graph.pieces[*k].is_dropped;
+    // The outline of a part is visible; hidden lines and short pieces have less accurate ends.
+    let is_clear = |k: &usize| {
+        let piece = &graph.pieces[*k];
+        is_own(k) && !piece.is_hidden && piece.raw.len() >= MIN_CLEAR_POINTS
+    };
+    let clear: Vec<usize> = (0..graph.pieces.len()).filter(is_clear).collect();
+    let own = if clear.is_empty() { (0..graph.pieces.len()).filter(is_own).collect() } else { clear };
+    own.into_iter().fold([[f64::MAX, f64::MIN]; 2], |all, k| {
         let bounds = graph.placed_curve(k).bounds();
         [0, 1].map(|c| [all[c][0].min(bounds[c][0]), all[c][1].max(bounds[c][1])])
     })
@@ -270,6 +299,7 @@ impl Values {
                         range,
                         is_rim: false,
                         group: 0,
+                        end_of_view: None,
                     };
                     made.axes[k] = Some(axis);
                     let index = made.push(value);
@@ -289,6 +319,7 @@ impl Values {
                             range: None,
                             is_rim: false,
                             group: 0,
+                            end_of_view: None,
                         })
                     };
                     let [x, y] = [at(&mut made, 0, center[0]), at(&mut made, 1, center[1])];
@@ -308,7 +339,8 @@ impl Values {
             let values = [0, 1].map(|axis| {
                 known[axis].unwrap_or_else(|| {
                     let at = graph.nodes[n][axis];
-                    made.push(Value { owner: 3 * view + axis, at, sigma, range: None, is_rim, group: 0 })
+                    let owner = 3 * view + axis;
+                    made.push(Value { owner, at, sigma, range: None, is_rim, group: 0, end_of_view: None })
                 })
             });
             made.nodes.push(values);
@@ -319,6 +351,24 @@ impl Values {
     fn push(&mut self, value: Value) -> usize {
         self.all.push(value);
         self.all.len() - 1
+    }
+
+    /// Marks the lines at the ends of each view.
+    fn mark_ends(&mut self, extents: &[Extent]) {
+        for (view, extent) in extents.iter().enumerate() {
+            for (axis, range) in extent.iter().enumerate() {
+                for (end, place) in range.iter().enumerate() {
+                    let off = |v: &Value| (v.at - place).abs();
+                    let own = |v: &&mut Value| {
+                        v.owner == 3 * view + axis && v.range.is_some() && off(v) <= END_OF_VIEW
+                    };
+                    let lines = self.all.iter_mut().filter(own);
+                    if let Some(line) = lines.min_by(|a, b| off(a).total_cmp(&off(b))) {
+                        line.end_of_view = Some(end);
+                    }
+                }
+            }
+        }
     }
 
     /// Groups values of one axis; returns value and σ of each group.
@@ -362,6 +412,17 @@ impl Values {
             .iter()
             .map(|(_, at, k)| Cluster { members: vec![(*at, *k)], mean: *at, sigma: self.all[*k].sigma })
             .collect();
+        // Sizes of views may differ by more than their σ, but the views are those of one part.
+        for end in 0..2 {
+            let is_end = |c: &Cluster| self.all[c.members[0].1].end_of_view == Some(end);
+            let (ends, others): (Vec<Cluster>, Vec<Cluster>) = all.into_iter().partition(is_end);
+            let members: Vec<(f64, usize)> = ends.into_iter().flat_map(|c| c.members).collect();
+            let mean = members.iter().map(|m| m.0).sum::<f64>() / members.len().max(1) as f64;
+            all = others;
+            let Some((_, first)) = members.first() else { continue };
+            all.push(Cluster { mean, sigma: self.all[*first].sigma, members });
+            all.sort_by(|a, b| a.mean.total_cmp(&b.mean));
+        }
         loop {
             let gap = |k: usize| {
                 let (a, b) = (&all[k], &all[k + 1]);
@@ -418,136 +479,4 @@ fn centre_error(piece: &Piece) -> f64 {
         _ => 1.0,
     };
     (0.7 + 4.0 / (sweep * sweep)).min(8.0)
-}
-
-/// That ends lie on their circles and slanted lines, and that circles reach lines.
-fn equations<'a>(
-    graph: &'a PieceGraph,
-    values: &'a Values,
-    frames: &'a [[Frame; 2]],
-    start: &[f64],
-    sigmas: &[f64],
-) -> Vec<Equation<'a>> {
-    let mut all: Vec<Equation<'a>> = Vec::new();
-    let mut has_line = vec![false; start.len()];
-    for value in values.all.iter().filter(|v| v.range.is_some()) {
-        has_line[value.group] = true;
-    }
-    let frame_of = |value: usize| {
-        let owner = values.all[value].owner;
-        frames[owner / 3][owner % 3]
-    };
-    let axis_of_group: Vec<Option<usize>> = {
-        let mut axes = vec![None; start.len()];
-        for (k, value) in values.all.iter().enumerate().filter(|(_, v)| v.owner % 3 != 2) {
-            axes[value.group] = Some(frame_of(k).axis);
-        }
-        axes
-    };
-    // Circles reach lines: of this view or of others.
-    let mut reached = std::collections::BTreeSet::new();
-    for circle in values.circles.iter().flatten() {
-        let r = values.group(circle[2]);
-        for center in &circle[..2] {
-            let c = values.group(*center);
-            let own_axis = axis_of_group[c];
-            for sign in [1.0, -1.0] {
-                let reach = start[c] + sign * start[r];
-                let off = |g: &usize| (start[*g] - reach).abs();
-                let near = (0..start.len()).filter(|g| has_line[*g] && axis_of_group[*g] == own_axis);
-                let Some(g) = near.min_by(|a, b| off(a).total_cmp(&off(b))) else { continue };
-                let limit = SAME * (sigmas[c].powi(2) + sigmas[r].powi(2) + sigmas[g].powi(2)).sqrt() + 0.3;
-                if off(&g) <= limit && g != c && reached.insert((c, r, g)) {
-                    all.push(Box::new(move |x| {
-                        (x[c] + sign * x[r] - x[g], vec![(c, 1.0), (r, sign), (g, -1.0)])
-                    }));
-                }
-            }
-        }
-    }
-    for (n, members) in graph.members.iter().enumerate() {
-        let own = values.nodes[n].map(|v| values.group(v));
-        let shapes: Vec<usize> = members.iter().copied().filter(|k| !graph.pieces[*k].is_dropped).collect();
-        for k in &shapes {
-            if let Some(circle) = values.circles[*k] {
-                let [cx, cy, r] = circle.map(|v| values.group(v));
-                all.push(Box::new(move |x| {
-                    let d = [x[own[0]] - x[cx], x[own[1]] - x[cy]];
-                    let length = d[0].hypot(d[1]).max(1e-9);
-                    let u = d.map(|c| c / length);
-                    (length - x[r], vec![(own[0], u[0]), (own[1], u[1]), (cx, -u[0]), (cy, -u[1]), (r, -1.0)])
-                }));
-            } else if values.axes[*k].is_none()
-                && let [Some(a), Some(b)] = graph.pieces[*k].nodes
-                && a != n
-                && b != n
-            {
-                // On a slanted line.
-                let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-                all.push(Box::new(move |x| on_line(x, own, p, q)));
-            }
-        }
-        for (i, a) in shapes.iter().enumerate() {
-            for b in &shapes[i + 1..] {
-                if tangent_point(&graph.pieces[*a].shape, &graph.pieces[*b].shape).is_none() {
-                    continue;
-                }
-                let [first, second] = [values.circles[*a], values.circles[*b]];
-                if let (Some(circle), None) | (None, Some(circle)) = (first, second) {
-                    let line = if first.is_none() { *a } else { *b };
-                    all.extend(tangency(graph, values, own, circle, line));
-                }
-            }
-        }
-    }
-    all
-}
-
-/// That a point is the foot of a circle's centre on a line.
-fn tangency<'a>(
-    graph: &PieceGraph,
-    values: &Values,
-    own: [usize; 2],
-    circle: [usize; 3],
-    line: usize,
-) -> Option<Equation<'a>> {
-    let center = [values.group(circle[0]), values.group(circle[1])];
-    if let Some(axis) = values.axes[line] {
-        // The line runs along the other axis.
-        let (n, c) = (own[1 - axis], center[1 - axis]);
-        return (n != c)
-            .then(|| -> Equation<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
-    }
-    let [Some(a), Some(b)] = graph.pieces[line].nodes else { return None };
-    let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-    Some(Box::new(move |x| {
-        let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-        let length = d[0].hypot(d[1]).max(1e-9);
-        let e = [x[own[0]] - x[center[0]], x[own[1]] - x[center[1]]];
-        let u = d.map(|c| c / length);
-        let residual = e[0] * u[0] + e[1] * u[1];
-        // The direction of the line depends on its ends.
-        let slope = |k: usize| (e[k] - residual * u[k]) / length;
-        let mut slopes: Vec<(usize, f64)> = Vec::with_capacity(8);
-        for k in 0..2 {
-            slopes.extend([(own[k], u[k]), (center[k], -u[k]), (q[k], slope(k)), (p[k], -slope(k))]);
-        }
-        (residual, slopes)
-    }))
-}
-
-/// Distance of a point from the line through two others.
-fn on_line(x: &[f64], own: [usize; 2], p: [usize; 2], q: [usize; 2]) -> (f64, Vec<(usize, f64)>) {
-    let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-    let e = [x[own[0]] - x[p[0]], x[own[1]] - x[p[1]]];
-    let length = d[0].hypot(d[1]).max(1e-9);
-    let residual = (d[0] * e[1] - d[1] * e[0]) / length;
-    let n = [-d[1] / length, d[0] / length];
-    // How far along the line the point is.
-    let share = (d[0] * e[0] + d[1] * e[1]) / (length * length);
-    let mut slopes = Vec::with_capacity(6);
-    for k in 0..2 {
-        slopes.extend([(own[k], n[k]), (p[k], -(1.0 - share) * n[k]), (q[k], -share * n[k])]);
-    }
-    (residual, slopes)
 }
