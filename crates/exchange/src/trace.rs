@@ -80,7 +80,7 @@ fn traced_pieces(image: &Image) -> Result<TracedPieces> {
     let (labels, parts) = mask.parts();
     let part_of = |p: [i32; 2]| labels[p[1] as usize * ink.columns + p[0] as usize];
     let covered = mask.pixels.iter().filter(|p| **p).count();
-    let skeleton = mask.thinned();
+    let skeleton = mask.clone().thinned();
     let length = skeleton.pixels.iter().filter(|p| **p).count().max(1);
     let sigma = SIGMAS[usize::from(ink.grey_share > GREY_SHARE)];
     let scale = LineScale { width: covered as f64 / length as f64, sigma };

@@ -23,8 +23,10 @@ use std::f64::consts::TAU;
 const SAME: f64 = 3.0;
 /// The same for corners at rims of circles, and for radii: pixels, or σ of a line.
 const RIM: [f64; 2] = [0.3, 1.2];
-/// Maximum difference of sizes of views after alignment, relative to the largest size.
-const MAX_MISFIT: f64 = 1e-3;
+/// Maximum difference of sizes of views after alignment, relative to the size.
+const MAX_MISFIT: f64 = 2e-3;
+/// Distance in pixels beyond the outline of a view from which on a curve is false.
+const OUTSIDE: f64 = 1.5;
 /// Maximum distance of the line at the end of a view from the extent of all its curves, in pixels.
 const END_OF_VIEW: f64 = 1.5;
 /// Slope of a line that is parallel to an axis: pixels over its length, in addition σ, and radians.
@@ -33,8 +35,6 @@ const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
 /// Minimum number of points of a piece from which the extent of a view follows.
 const MIN_CLEAR_POINTS: usize = 6;
-/// How often equations that contradict others are left out.
-const MAX_REPEATS: usize = 8;
 
 /// A value of an axis.
 #[derive(Debug, Clone)]
@@ -95,7 +95,7 @@ pub(super) fn aligned(
     let sigmas: Vec<f64> = groups.iter().map(|g| g.1).collect();
     let start: Vec<f64> = groups.iter().map(|g| g.0).collect();
     let equations = equations(graph, &values, &frames, &start, &sigmas);
-    let found = consistent(&start, &sigmas, equations);
+    let found = consistent(&start, &sigmas, &equations);
     let places = layout.as_ref().map(|l| corners(l, &extents));
     let curves: Vec<AlignedCurve> = (0..graph.pieces.len())
         .filter(|k| !graph.pieces[*k].is_dropped)
@@ -114,16 +114,53 @@ pub(super) fn aligned(
             Some(AlignedCurve { curve, piece: k })
         })
         .collect();
-    // Otherwise a view would be left out, and two views have more solids than three.
-    let largest = frames.iter().flatten().map(|f| f.extent).fold(0.0, f64::max);
-    for (v, own) in frames.iter().enumerate() {
-        let bounds = curves.iter().filter(|c| view_of[c.piece] == Some(v)).map(|c| c.curve.bounds());
-        let bounds = bounds.fold([[f64::MAX, f64::MIN]; 2], |all, b| {
+    let curves = within_views(curves, &view_of, &frames, places.as_deref());
+    check_sizes(&curves, &view_of, &extents, layout.as_ref())?;
+    Ok(curves)
+}
+
+/// The curves without those that reach beyond their view: the outline has no false ends.
+fn within_views(
+    mut curves: Vec<AlignedCurve>,
+    view_of: &[Option<usize>],
+    frames: &[[Frame; 2]],
+    places: Option<&[[f64; 2]]>,
+) -> Vec<AlignedCurve> {
+    let Some(places) = places else { return curves };
+    curves.retain(|c| {
+        let Some(v) = view_of[c.piece] else { return false };
+        let bounds = c.curve.bounds();
+        (0..2).all(|k| {
+            let low = places[v][k].round();
+            bounds[k][0] >= low - OUTSIDE && bounds[k][1] <= low + frames[v][k].extent + OUTSIDE
+        })
+    });
+    curves
+}
+
+/// Refuses groups of lines that are no views, and views of different sizes: otherwise a view would be left
+/// out, and two views have more solids than three.
+fn check_sizes(
+    curves: &[AlignedCurve],
+    view_of: &[Option<usize>],
+    extents: &[Extent],
+    layout: Option<&Layout>,
+) -> Result<()> {
+    let mut sizes: [Option<f64>; 3] = [None; 3];
+    for (v, [[left, right], [bottom, top]]) in extents.iter().enumerate() {
+        let own = curves.iter().filter(|c| view_of[c.piece] == Some(v)).map(|c| c.curve.bounds());
+        let bounds = own.fold([[f64::MAX, f64::MIN]; 2], |all, b| {
             [0, 1].map(|k| [all[k][0].min(b[k][0]), all[k][1].max(b[k][1])])
         });
-        let is_off = |k: usize| (bounds[k][1] - bounds[k][0] - own[k].extent).abs() > MAX_MISFIT * largest;
-        if layout.as_ref().is_none_or(|l| l.kinds[v].is_none()) || is_off(0) || is_off(1) {
-            let [[left, right], [bottom, top]] = extents[v];
+        let kind = layout.and_then(|l| l.kinds[v]);
+        let agrees = kind.is_some_and(|kind| {
+            (0..2).all(|k| {
+                let size = bounds[k][1] - bounds[k][0];
+                let known = *sizes[kind.axes()[k]].get_or_insert(size);
+                (known - size).abs() <= MAX_MISFIT * known.max(size)
+            })
+        });
+        if !agrees {
             return Err(Error::input(format!(
                 "expected two or three views of one part whose sizes agree, found a group of lines from \
                  pixel {left:.0} {bottom:.0} to {right:.0} {top:.0} (y upwards) that does not: crop the \
@@ -131,31 +168,54 @@ pub(super) fn aligned(
             )));
         }
     }
-    Ok(curves)
+    Ok(())
 }
 
-/// The values that meet the equations; those that would change values by too much are left out.
-fn consistent(start: &[f64], sigmas: &[f64], mut equations: Vec<Equation<'_>>) -> Vec<f64> {
-    let change = |found: &[f64], k: usize| (found[k] - start[k]).abs() - MAX_CHANGE[0] * sigmas[k];
-    for _ in 0..MAX_REPEATS {
-        let before = equations.len();
-        let Some((found, residuals)) = solved(start, sigmas, &equations) else { break };
-        let largest = residuals.iter().copied().fold(0.0, f64::max);
-        let is_moved: Vec<bool> = (0..found.len()).map(|k| change(&found, k) > MAX_CHANGE[1]).collect();
-        if largest < 1e3 * SOLVED && !is_moved.contains(&true) {
-            return found;
-        }
-        // Those that contradict others have large residuals.
-        let mut left = residuals.iter();
-        equations.retain(|e| {
-            let is_met = left.next().is_some_and(|r| *r < (0.5 * largest).max(1e3 * SOLVED));
-            is_met && (largest >= 1e3 * SOLVED || e(start).1.iter().all(|(k, _)| !is_moved[*k]))
-        });
-        if equations.len() == before {
-            break;
+/// The values that meet the equations. Equations are added in the order of their misfit, and those that
+/// contradict the ones before, or change values by too much, are left out.
+fn consistent(start: &[f64], sigmas: &[f64], equations: &[Equation<'_>]) -> Vec<f64> {
+    let misfit = |e: &Equation<'_>| {
+        let (residual, slopes) = e(start);
+        let sigma = slopes.iter().map(|(k, slope)| (slope * sigmas[*k]).powi(2)).sum::<f64>().sqrt();
+        let limit = (MAX_CHANGE[0] * sigma).max(MAX_CHANGE[1]);
+        // Equations whose unknowns are one value have no derivatives.
+        if sigma > 1e-6 && residual.abs() <= limit { residual.abs() / sigma } else { f64::INFINITY }
+    };
+    let mut order: Vec<(f64, &Equation<'_>)> = equations.iter().map(|e| (misfit(e), e)).collect();
+    order.retain(|(misfit, _)| misfit.is_finite());
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let order: Vec<&Equation<'_>> = order.into_iter().map(|(_, e)| e).collect();
+    let mut values = start.to_vec();
+    add_equations(start, sigmas, &mut Vec::new(), &order, &mut values);
+    values
+}
+
+/// Adds equations to those that are met; if they cannot all be met, each half of them.
+fn add_equations<'e, 'f>(
+    start: &[f64],
+    sigmas: &[f64],
+    met: &mut Vec<&'e Equation<'f>>,
+    more: &[&'e Equation<'f>],
+    values: &mut Vec<f64>,
+) {
+    if more.is_empty() {
+        return;
+    }
+    let before = met.len();
+    met.extend(more);
+    if let Some((found, residuals)) = solved(start, sigmas, met) {
+        let is_near = |k: usize| (found[k] - start[k]).abs() <= MAX_CHANGE[0] * sigmas[k] + MAX_CHANGE[1];
+        if residuals.iter().all(|r| *r < 1e3 * SOLVED) && (0..found.len()).all(is_near) {
+            *values = found;
+            return;
         }
     }
-    start.to_vec()
+    met.truncate(before);
+    if more.len() > 1 {
+        let (first, second) = more.split_at(more.len() / 2);
+        add_equations(start, sigmas, met, first, values);
+        add_equations(start, sigmas, met, second, values);
+    }
 }
 
 /// The curve of a piece with consistent values.
@@ -181,7 +241,7 @@ fn curve_of(
     // The direction is that of the traced arc.
     let Shape::Circle(own, _) = piece.shape else { return None };
     let raw = piece.nodes.map(|n| n.map_or(own, |n| graph.nodes[n]));
-    let middle = piece.points.get(piece.points.len() / 2).copied().unwrap_or(own);
+    let middle = piece.inner_point(raw[0], raw[1]);
     let angle = |p: [f64; 2], c: [f64; 2]| (p[1] - c[1]).atan2(p[0] - c[0]);
     let turn = |a: f64, b: f64| (b - a).rem_euclid(TAU);
     let (s, m, e) = (angle(raw[0], own), angle(middle, own), angle(raw[1], own));
@@ -270,7 +330,7 @@ impl PieceGraph {
         let piece = &self.pieces[k];
         match piece.nodes {
             [Some(a), Some(b)] if !piece.is_closed => {
-                let middle = piece.points.get(piece.points.len() / 2).copied().unwrap_or(piece.ends[0]);
+                let middle = piece.inner_point(self.nodes[a], self.nodes[b]);
                 piece.shape.between(self.nodes[a], middle, self.nodes[b])
             }
             _ => piece.raw_curve(),

@@ -18,6 +18,10 @@ const MAX_GAP: [f64; 2] = [9.0, 14.0];
 /// Maximum ratio of gaps of a line, and pixels by which they may differ in addition.
 const GAP_RATIO: f64 = 1.5;
 const GAP_SLACK: f64 = 2.0;
+/// Number of dashes that a crossing line may join to one.
+const MAX_DASHES: f64 = 2.2;
+/// Maximum radius of the circle through two dashes, in pixels. Those of larger ones look straight.
+const MAX_RADIUS: f64 = 1500.0;
 /// Largest part of a dashed circle that may be missing, in gaps.
 const CLOSING_GAPS: f64 = 2.2;
 
@@ -135,6 +139,7 @@ impl PieceGraph {
 
     /// Joins dashes.
     pub(super) fn join_dashes(&mut self, scale: LineScale) {
+        let dash = self.usual_dash(scale);
         let max_gap = max_gap(scale);
         loop {
             // A gap may begin where a dash meets another line.
@@ -147,7 +152,7 @@ impl PieceGraph {
             let mut found: Vec<(f64, PieceEnd, PieceEnd, Fit)> = Vec::new();
             for (k, a) in free.iter().enumerate() {
                 for b in &free[k + 1..] {
-                    if let Some((gap, fit)) = self.dash_gap(*a, *b, max_gap, scale) {
+                    if let Some((gap, fit)) = self.dash_gap(*a, *b, [dash, max_gap], scale) {
                         found.push((gap, *a, *b, fit));
                     }
                 }
@@ -212,8 +217,21 @@ impl PieceGraph {
     }
 
     /// The gap between two free ends if the pieces are dashes of one curve.
-    fn dash_gap(&self, a: PieceEnd, b: PieceEnd, max_gap: f64, scale: LineScale) -> Option<(f64, Fit)> {
+    ///
+    /// `longest` are the length of a usual dash and the maximum gap.
+    fn dash_gap(
+        &self,
+        a: PieceEnd,
+        b: PieceEnd,
+        [dash, max_gap]: [f64; 2],
+        scale: LineScale,
+    ) -> Option<(f64, Fit)> {
         let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
+        // A visible line may go on as a hidden one. The ink of a crossing line joins two dashes.
+        let longest = MAX_DASHES * dash + max_gap.min(dash);
+        if [first, second].iter().any(|p| p.gaps.is_empty() && p.raw_curve().length() > longest) {
+            return None;
+        }
         let (p, q) = (first.ends[a.1], second.ends[b.1]);
         // Skeletons end half a width before the dash does.
         let gap = distance(p, q) - scale.width;
@@ -278,7 +296,10 @@ fn joint(first: &Piece, second: &Piece, are_dashes: bool) -> Option<(f64, Fit)> 
     let (line, circle) = match (is_line(first), is_line(second)) {
         (true, true) if !are_dashes => (moments.line(), None),
         (false, false) => (None, moments.circle()),
-        (true, true) => (moments.line(), moments.circle()),
+        (true, true) => {
+            let is_round = |fit: &Fit| matches!(fit.shape, Shape::Circle(_, r) if r <= MAX_RADIUS);
+            (moments.line(), moments.circle().filter(is_round))
+        }
         // A short end of an arc looks straight, and a short end of a line curved. So do dashes.
         (first_is_line, _) => match (first.moments.n >= second.moments.n) == first_is_line {
             true => (moments.line(), None),
