@@ -96,7 +96,7 @@ fn traced_pieces(image: &Image) -> Result<TracedPieces> {
         let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
         piece.is_dropped = !boxes.iter().any(is_in);
     }
-    pieces.join_at_nodes();
+    pieces.join_at_nodes(scale);
     pieces.fit_fillets();
     let dash = pieces.usual_dash(scale);
     pieces.join_dashes(scale);

@@ -25,6 +25,11 @@ const SAME: f64 = 3.0;
 const RIM: [f64; 2] = [0.3, 1.2];
 /// Maximum difference of sizes of views after alignment, relative to the size.
 const MAX_MISFIT: f64 = 2e-3;
+/// σ of a node in σ of a line, at a right angle: corners of skeletons are rounded off.
+const NODE_FACTOR: f64 = 1.7;
+/// σ of a node from which on it is not compared with other values, and maximum σ for changes, in pixels.
+const MAX_NODE_SIGMA: f64 = 1.5;
+const MAX_SPREAD: f64 = 10.0;
 /// Distance in pixels beyond the outline of a view from which on a curve is false.
 const OUTSIDE: f64 = 1.5;
 /// Maximum distance of the line at the end of a view from the extent of all its curves, in pixels.
@@ -42,7 +47,10 @@ struct Value {
     /// 3 · view + axis of the view (0, 1), or 2 for a radius.
     owner: usize,
     at: f64,
+    /// σ for comparisons with other values.
     sigma: f64,
+    /// σ by which the value may change: where curves meet at a small angle, much more.
+    spread: f64,
     /// The range of a line across the axis.
     range: Option<[f64; 2]>,
     /// Whether it is that of a corner at the rim of a circle, often close to an extreme of the circle.
@@ -356,6 +364,7 @@ impl Values {
                         owner: 3 * view + axis,
                         at: at[axis],
                         sigma: scale.sigma,
+                        spread: scale.sigma,
                         range,
                         is_rim: false,
                         group: 0,
@@ -376,6 +385,7 @@ impl Values {
                             owner: 3 * view + axis,
                             at,
                             sigma,
+                            spread: sigma,
                             range: None,
                             is_rim: false,
                             group: 0,
@@ -394,13 +404,16 @@ impl Values {
             let touches =
                 shapes.iter().any(|a| shapes.iter().any(|b| a != b && tangent_point(a, b).is_some()));
             let is_rim = !touches && shapes.iter().any(is_circle);
-            // Where only one piece ends, its place along that piece is known poorly.
-            let sigma = if shapes.len() > 1 { 1.7 * scale.sigma } else { 1.0 };
+            let spreads = node_spreads(&shapes, graph.nodes[n], scale);
             let values = [0, 1].map(|axis| {
                 known[axis].unwrap_or_else(|| {
-                    let at = graph.nodes[n][axis];
+                    let (at, spread) = (graph.nodes[n][axis], spreads[axis]);
                     let owner = 3 * view + axis;
-                    made.push(Value { owner, at, sigma, range: None, is_rim, group: 0, end_of_view: None })
+                    // A point of tangency follows from an equation, and would join the wrong group.
+                    let sigma = if spread > MAX_NODE_SIGMA { scale.sigma } else { spread };
+                    let value =
+                        Value { owner, at, sigma, spread, range: None, is_rim, group: 0, end_of_view: None };
+                    made.push(value)
                 })
             });
             made.nodes.push(values);
@@ -448,7 +461,7 @@ impl Values {
         while first < order.len() {
             let last = first + order[first..].iter().take_while(|o| o.0 == order[first].0).count();
             for members in self.clusters(&order[first..last], scale) {
-                let weight = |k: usize| self.all[k].sigma.powi(-2);
+                let weight = |k: usize| self.all[k].spread.powi(-2);
                 let total: f64 = members.iter().map(|(_, k)| weight(*k)).sum();
                 let mean = members.iter().map(|(at, k)| weight(*k) * at).sum::<f64>() / total;
                 members.iter().for_each(|(_, k)| self.all[*k].group = groups.len());
@@ -520,6 +533,22 @@ impl Values {
     fn group(&self, value: usize) -> usize {
         self.all[value].group
     }
+}
+
+/// σ of both coordinates of a node: the covariance σ² (Σ n nᵀ)⁻¹ of the point where curves with normals n
+/// meet. Where only one piece ends, its place along that piece is known poorly.
+fn node_spreads(shapes: &[Shape], node: [f64; 2], scale: LineScale) -> [f64; 2] {
+    if shapes.len() < 2 {
+        return [1.0; 2];
+    }
+    let prior = (scale.sigma / MAX_SPREAD).powi(2);
+    let mut m = [prior, 0.0, prior];
+    for shape in shapes {
+        let n = shape.normal(node);
+        m = [m[0] + n[0] * n[0], m[1] + n[0] * n[1], m[2] + n[1] * n[1]];
+    }
+    let det = m[0] * m[2] - m[1] * m[1];
+    [m[2], m[0]].map(|c| scale.sigma * (c / det).sqrt().max(NODE_FACTOR))
 }
 
 /// The axis whose coordinate a line has, if it is parallel to the other one.

@@ -20,6 +20,8 @@ const GAP_RATIO: f64 = 1.5;
 const GAP_SLACK: f64 = 2.0;
 /// Number of dashes that a crossing line may join to one.
 const MAX_DASHES: f64 = 2.2;
+/// Maximum length of a dash between two other lines, in usual dashes.
+const MAX_LONE_DASH: f64 = 1.3;
 /// Maximum radius of the circle through two dashes, in pixels. Those of larger ones look straight.
 const MAX_RADIUS: f64 = 1500.0;
 /// Largest part of a dashed circle that may be missing, in gaps.
@@ -35,14 +37,16 @@ pub(super) fn max_gap(scale: LineScale) -> f64 {
 
 impl PieceGraph {
     /// Joins pieces that continue each other at junctions.
-    pub(super) fn join_at_nodes(&mut self) {
+    pub(super) fn join_at_nodes(&mut self, scale: LineScale) {
+        let dash = MAX_LONE_DASH * self.usual_dash(scale);
         for node in 0..self.nodes.len() {
             loop {
                 let ends = self.ends_at(node);
                 let mut best: Option<(f64, [PieceEnd; 2], Fit)> = None;
                 for (k, a) in ends.iter().enumerate() {
                     for b in &ends[k + 1..] {
-                        if let Some((cost, fit)) = self.continues(*a, *b)
+                        if !self.is_line_with_dash(a.0, b.0, dash)
+                            && let Some((cost, fit)) = self.continues(*a, *b)
                             && best.as_ref().is_none_or(|best| cost < best.0)
                         {
                             best = Some((cost, [*a, *b], fit));
@@ -56,6 +60,16 @@ impl PieceGraph {
         for k in 0..self.pieces.len() {
             self.join_over(k);
         }
+    }
+
+    /// Whether one piece may be a dash, and the other a visible line that ends at a hidden one.
+    fn is_line_with_dash(&self, a: usize, b: usize, dash: f64) -> bool {
+        let [first, second] = [a, b].map(|k| {
+            let piece = &self.pieces[k];
+            let is_short = piece.raw_curve().length() <= dash;
+            (piece.nodes.contains(&None) && is_short, !piece.nodes.contains(&None) && !is_short)
+        });
+        a != b && (first.0 && second.1 || second.0 && first.1)
     }
 
     /// Joins the lines at both ends of a short piece if they are one: near junctions, few points of the short
@@ -228,8 +242,13 @@ impl PieceGraph {
     ) -> Option<(f64, Fit)> {
         let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
         // A visible line may go on as a hidden one. The ink of a crossing line joins two dashes.
-        let longest = MAX_DASHES * dash + max_gap.min(dash);
-        if [first, second].iter().any(|p| p.gaps.is_empty() && p.raw_curve().length() > longest) {
+        let is_too_long = |p: &&Piece| {
+            // Both ends of a dash are rarely at other lines.
+            let is_closed = !p.nodes.contains(&None);
+            let longest = if is_closed { MAX_LONE_DASH * dash } else { MAX_DASHES * dash + max_gap.min(dash) };
+            p.gaps.is_empty() && p.raw_curve().length() > longest + scale.width
+        };
+        if [first, second].iter().any(is_too_long) {
             return None;
         }
         let (p, q) = (first.ends[a.1], second.ends[b.1]);

@@ -13,6 +13,10 @@ use super::skeleton::{PixelGraph, PixelPath};
 const PRICE: [f64; 2] = [30.0, 40.0];
 /// σ of points for the division of paths, in pixels: errors of neighbouring pixels are correlated.
 pub(super) const PATH_SIGMA: f64 = 0.35;
+/// σ of points near the ends of pieces, in pixels, and their maximum cost. Without it, small chamfers would
+/// be ends of the lines beside them.
+const END_SIGMA: f64 = 0.7;
+const MAX_END_COST: f64 = 20.0;
 /// Minimum number of points of an arc: near junctions, a few points are off by a pixel.
 const MIN_ARC_POINTS: f64 = 9.0;
 /// Price of a whole circle of a closed path, which has no ends.
@@ -310,6 +314,11 @@ fn best_fit(sums: &[Moments], (from, to): (usize, usize)) -> Option<(Fit, Moment
     best.map(|(fit, cost)| (fit, moments, cost))
 }
 
+/// Cost of the points near the ends of a piece, which are less accurate.
+fn end_cost<'a>(fit: &Fit, points: impl Iterator<Item = &'a [f64; 2]>) -> f64 {
+    points.map(|p| (fit.shape.off(*p) / END_SIGMA).powi(2).min(MAX_END_COST)).sum()
+}
+
 /// Places at which a path is divided, from its first to its last point, and the cost.
 fn divided(points: &[[f64; 2]], sums: &[Moments], scale: LineScale) -> (Vec<usize>, f64) {
     let last = points.len() - 1;
@@ -325,8 +334,9 @@ fn divided(points: &[[f64; 2]], sums: &[Moments], scale: LineScale) -> (Vec<usiz
                 continue;
             }
             let range = trimmed(cuts[from], cuts[to], scale.width);
-            if let Some((_, _, cost)) = best_fit(sums, range) {
-                let cost = best[from].0 + cost;
+            if let Some((fit, _, cost)) = best_fit(sums, range) {
+                let ends = points[cuts[from]..range.0].iter().chain(&points[range.1..=cuts[to]]);
+                let cost = best[from].0 + cost + end_cost(&fit, ends);
                 if cost < own.0 {
                     own = (cost, from);
                 }
