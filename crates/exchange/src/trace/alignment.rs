@@ -38,6 +38,10 @@ const END_OF_VIEW: f64 = 1.5;
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
 const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
+/// Maximum length of an arc: factor of its number of points, and pixels in addition.
+const MAX_UNCOVERED: [f64; 2] = [2.5, 20.0];
+/// Sine of the angle to an axis below which a line shows the extent of a view.
+const STRAIGHT: f64 = 0.01;
 /// Minimum number of points of a piece from which the extent of a view follows.
 const MIN_CLEAR_POINTS: usize = 6;
 
@@ -94,7 +98,7 @@ pub(super) fn aligned(
     let view_of = views_of(graph, boxes);
     let extents: Vec<Extent> = (0..boxes.len()).map(|v| extent_of(graph, &view_of, v)).collect();
     let layout = layout_of(&extents, titles);
-    let mut values = Values::new(graph, &view_of, scale);
+    let mut values = Values::new(graph, &view_of, &extents, scale);
     let frames = frames_of(&extents, layout.as_ref());
     if layout.is_some() {
         values.mark_ends(&extents);
@@ -256,7 +260,9 @@ fn curve_of(
     let (from, to) = if turn(s, m) <= turn(s, e) { (a, b) } else { (b, a) };
     let start = angle(from, center);
     let sweep = turn(start, angle(to, center));
-    (sweep > 1e-6).then_some(Curve2::Arc { center, radius, start, sweep })
+    // A false arc reaches far beyond its points. Gaps of a dashed one are shorter than its dashes.
+    let is_covered = radius * sweep <= MAX_UNCOVERED[0] * piece.raw.len() as f64 + MAX_UNCOVERED[1];
+    (sweep > 1e-6 && is_covered).then_some(Curve2::Arc { center, radius, start, sweep })
 }
 
 /// How a coordinate of a view is one of the part: part = sign · (sheet − offset).
@@ -327,7 +333,13 @@ fn extent_of(graph: &PieceGraph, view_of: &[Option<usize>], view: usize) -> Exte
     let clear: Vec<usize> = (0..graph.pieces.len()).filter(is_clear).collect();
     let own = if clear.is_empty() { (0..graph.pieces.len()).filter(is_own).collect() } else { clear };
     own.into_iter().fold([[f64::MAX, f64::MIN]; 2], |all, k| {
-        let bounds = graph.placed_curve(k).bounds();
+        let mut bounds = graph.placed_curve(k).bounds();
+        // Of lines a few pixels apart that share their nodes, the nodes are between both.
+        if let Shape::Line(at, along) = graph.pieces[k].shape
+            && let Some(axis) = (0..2).find(|axis| along[*axis].abs() <= STRAIGHT)
+        {
+            bounds[axis] = [bounds[axis][0].min(at[axis]), bounds[axis][1].max(at[axis])];
+        }
         [0, 1].map(|c| [all[c][0].min(bounds[c][0]), all[c][1].max(bounds[c][1])])
     })
 }
@@ -347,7 +359,7 @@ impl PieceGraph {
 }
 
 impl Values {
-    fn new(graph: &PieceGraph, view_of: &[Option<usize>], scale: LineScale) -> Self {
+    fn new(graph: &PieceGraph, view_of: &[Option<usize>], extents: &[Extent], scale: LineScale) -> Self {
         let count = graph.pieces.len();
         let mut made =
             Self { all: Vec::new(), nodes: Vec::new(), circles: vec![None; count], axes: vec![None; count] };
@@ -374,7 +386,11 @@ impl Values {
                     let index = made.push(value);
                     for (n, members) in graph.members.iter().enumerate() {
                         if members.contains(&k) {
-                            node_values[n][axis].get_or_insert(index);
+                            // Of two lines, the outer one is the outline.
+                            let middle = 0.5 * (extents[view][axis][0] + extents[view][axis][1]);
+                            let off = |v: usize| (made.all[v].at - middle).abs();
+                            let own = &mut node_values[n][axis];
+                            *own = Some(own.filter(|known| off(*known) >= off(index)).unwrap_or(index));
                         }
                     }
                 }

@@ -1,7 +1,7 @@
 //! Joins pieces of one line or circle: at junctions, and over the gaps between dashes.
 
 use super::moments::{Fit, Moments, Shape};
-use super::pieces::{LineScale, PATH_SIGMA, Piece, PieceGraph};
+use super::pieces::{LineScale, MAX_RADIUS, PATH_SIGMA, Piece, PieceGraph};
 use planish_solid::views::{Curve2, distance};
 use std::f64::consts::{PI, TAU};
 
@@ -22,8 +22,6 @@ const GAP_SLACK: f64 = 2.0;
 const MAX_DASHES: f64 = 2.2;
 /// Maximum length of a dash between two other lines, in usual dashes.
 const MAX_LONE_DASH: f64 = 1.3;
-/// Maximum radius of the circle through two dashes, in pixels. Those of larger ones look straight.
-const MAX_RADIUS: f64 = 1500.0;
 /// Largest part of a dashed circle that may be missing, in gaps.
 const CLOSING_GAPS: f64 = 2.2;
 

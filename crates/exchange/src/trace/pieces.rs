@@ -13,6 +13,8 @@ use super::skeleton::{PixelGraph, PixelPath};
 const PRICE: [f64; 2] = [30.0, 40.0];
 /// σ of points for the division of paths, in pixels: errors of neighbouring pixels are correlated.
 pub(super) const PATH_SIGMA: f64 = 0.35;
+/// Maximum radius of an arc, in pixels.
+pub(super) const MAX_RADIUS: f64 = 1500.0;
 /// σ of points near the ends of pieces, in pixels, and their maximum cost. Without it, small chamfers would
 /// be ends of the lines beside them.
 const END_SIGMA: f64 = 0.7;
@@ -307,11 +309,16 @@ fn best_fit(sums: &[Moments], (from, to): (usize, usize)) -> Option<(Fit, Moment
     let cost = |fit: &Fit, price: f64| fit.squares / (PATH_SIGMA * PATH_SIGMA) + price;
     let line = moments.line().map(|fit| (fit, cost(&fit, PRICE[0])));
     let circle = match moments.n >= MIN_ARC_POINTS {
-        true => moments.circle().map(|fit| (fit, cost(&fit, PRICE[1]))),
+        true => moments.circle().filter(is_round).map(|fit| (fit, cost(&fit, PRICE[1]))),
         false => None,
     };
     let best = line.into_iter().chain(circle).min_by(|a, b| a.1.total_cmp(&b.1));
     best.map(|(fit, cost)| (fit, moments, cost))
+}
+
+/// Whether a circle is small enough to be distinguished from a line.
+fn is_round(fit: &Fit) -> bool {
+    matches!(fit.shape, Shape::Circle(_, radius) if radius <= MAX_RADIUS)
 }
 
 /// Cost of the points near the ends of a piece, which are less accurate.
