@@ -16,6 +16,7 @@ mod repaired;
 mod search;
 mod settings;
 mod sheet;
+mod silhouette;
 mod stacked;
 mod writing;
 

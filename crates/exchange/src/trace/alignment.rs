@@ -27,8 +27,10 @@ const RIM: [f64; 2] = [0.3, 1.2];
 const MAX_MISFIT: f64 = 2e-3;
 /// σ of a node in σ of a line, at a right angle: corners of skeletons are rounded off.
 const NODE_FACTOR: f64 = 1.7;
-/// σ of a node from which on it is not compared with other values, and maximum σ for changes, in pixels.
+/// Maximum σ of a node for comparisons, σ from which on it is a point of tangency, and maximum σ for changes,
+/// in pixels.
 const MAX_NODE_SIGMA: f64 = 1.5;
+const TANGENT_SIGMA: f64 = 3.0;
 const MAX_SPREAD: f64 = 10.0;
 /// Distance in pixels beyond the outline of a view from which on a curve is false.
 const OUTSIDE: f64 = 1.5;
@@ -426,7 +428,8 @@ impl Values {
                     let (at, spread) = (graph.nodes[n][axis], spreads[axis]);
                     let owner = 3 * view + axis;
                     // A point of tangency follows from an equation, and would join the wrong group.
-                    let sigma = if spread > MAX_NODE_SIGMA { scale.sigma } else { spread };
+                    let is_tangent = spread > TANGENT_SIGMA;
+                    let sigma = if is_tangent { scale.sigma } else { spread.min(MAX_NODE_SIGMA) };
                     let value =
                         Value { owner, at, sigma, spread, range: None, is_rim, group: 0, end_of_view: None };
                     made.push(value)

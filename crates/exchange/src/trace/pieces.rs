@@ -235,7 +235,7 @@ fn begin_at_straight(pixels: &mut [[i32; 2]]) {
 }
 
 /// The pixels of a path, moved across it into the middle of the ink.
-fn centred(path: &PixelPath, ink: &Ink, width: f64) -> Vec<[f64; 2]> {
+pub(super) fn centred(path: &PixelPath, ink: &Ink, width: f64) -> Vec<[f64; 2]> {
     let mut raw: Vec<[f64; 2]> = path.pixels.iter().map(|p| p.map(f64::from)).collect();
     let is_closed = path.is_closed();
     if is_closed {
@@ -265,12 +265,17 @@ fn centred(path: &PixelPath, ink: &Ink, width: f64) -> Vec<[f64; 2]> {
 fn middle_of_ink(ink: &Ink, p: [f64; 2], along: [f64; 2], reach: f64) -> f64 {
     let coverage = |t: f64| ink.at([p[0] + t * along[0], p[1] + t * along[1]]);
     let count = (reach / STEP) as i32;
-    let own = coverage(0.0);
-    let (mut sum, mut first) = (own, 0.0);
+    // Pixels of the skeleton may be in the fainter row of a line.
+    let peaks = (-4..=4).map(|k| STEP * f64::from(k)).map(|t| (coverage(t), t));
+    let (own, peak) = peaks.fold((f64::MIN, 0.0), |best: (f64, f64), (c, t)| {
+        let is_higher = c > best.0 + 1e-6 || c > best.0 - 1e-6 && t.abs() < best.1.abs();
+        if is_higher { (c, t) } else { best }
+    });
+    let (mut sum, mut first) = (own, own * peak);
     for side in [1.0, -1.0] {
         let mut least = own;
         for k in 1..=count {
-            let t = side * STEP * f64::from(k);
+            let t = peak + side * STEP * f64::from(k);
             let c = coverage(t);
             // Beyond the edge of the line, or at another line.
             if c < 0.05 || (least < 0.6 && c > least + 0.05) {

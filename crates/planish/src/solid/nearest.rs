@@ -6,6 +6,7 @@
 use super::line_of;
 use super::search::SearchedReading;
 use super::sheet::ReadDrawing;
+use super::silhouette::silhouette;
 use planish_core::{Finding, FindingCode, Progress};
 use planish_solid::drawing::{Drawing, LineStyle, ViewContent};
 use planish_solid::reprojection::ReprojectionOptions;
@@ -45,7 +46,7 @@ pub(super) fn nearest(readings: &[ReadDrawing], progress: &dyn Progress) -> Opti
     Some(SearchedReading { reading, found, differences: vec![Vec::new()], undecided: None })
 }
 
-/// The drawing as it is, with joined coordinates, and without hidden lines.
+/// The drawing as it is, with joined coordinates, without hidden lines, and the outer contours alone.
 fn variants(drawing: &Drawing) -> Vec<Drawing> {
     let tolerance = JOINED * drawing.size();
     let mut all = vec![drawing.clone()];
@@ -59,7 +60,13 @@ fn variants(drawing: &Drawing) -> Vec<Drawing> {
             view.content = ViewContent::VisibleEdges;
         }
     }
-    all.push(visible);
+    let mut contours = visible.clone();
+    for view in &mut contours.views {
+        view.curves = silhouette(view);
+        // Nothing follows from lines that are missing.
+        view.content = ViewContent::Doubtful;
+    }
+    all.extend([visible, contours]);
     all
 }
 
