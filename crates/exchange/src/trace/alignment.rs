@@ -262,9 +262,7 @@ fn curve_of(
     let (from, to) = if turn(s, m) <= turn(s, e) { (a, b) } else { (b, a) };
     let start = angle(from, center);
     let sweep = turn(start, angle(to, center));
-    // A false arc reaches far beyond its points. Gaps of a dashed one are shorter than its dashes.
-    let is_covered = radius * sweep <= MAX_UNCOVERED[0] * piece.raw.len() as f64 + MAX_UNCOVERED[1];
-    (sweep > 1e-6 && is_covered).then_some(Curve2::Arc { center, radius, start, sweep })
+    (sweep > 1e-6 && piece.covers(radius * sweep)).then_some(Curve2::Arc { center, radius, start, sweep })
 }
 
 /// How a coordinate of a view is one of the part: part = sign · (sheet − offset).
@@ -346,6 +344,14 @@ fn extent_of(graph: &PieceGraph, view_of: &[Option<usize>], view: usize) -> Exte
     })
 }
 
+impl Piece {
+    /// Whether a curve of a length may be that of its points: a false arc reaches far beyond them. Gaps of a
+    /// dashed one are shorter than its dashes.
+    fn covers(&self, length: f64) -> bool {
+        length <= MAX_UNCOVERED[0] * self.raw.len() as f64 + MAX_UNCOVERED[1]
+    }
+}
+
 impl PieceGraph {
     /// The curve of a piece between its nodes.
     pub(super) fn placed_curve(&self, k: usize) -> Curve2 {
@@ -353,7 +359,11 @@ impl PieceGraph {
         match piece.nodes {
             [Some(a), Some(b)] if !piece.is_closed => {
                 let middle = piece.inner_point(self.nodes[a], self.nodes[b]);
-                piece.shape.between(self.nodes[a], middle, self.nodes[b])
+                let curve = piece.shape.between(self.nodes[a], middle, self.nodes[b]);
+                match piece.covers(curve.length()) {
+                    true => curve,
+                    false => Curve2::Segment(self.nodes[a], self.nodes[b]),
+                }
             }
             _ => piece.raw_curve(),
         }

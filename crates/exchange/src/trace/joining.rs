@@ -243,7 +243,8 @@ impl PieceGraph {
         let is_too_long = |p: &&Piece| {
             // Both ends of a dash are rarely at other lines.
             let is_closed = !p.nodes.contains(&None);
-            let longest = if is_closed { MAX_LONE_DASH * dash } else { MAX_DASHES * dash + max_gap.min(dash) };
+            let longest =
+                if is_closed { MAX_LONE_DASH * dash } else { MAX_DASHES * dash + max_gap.min(dash) };
             p.gaps.is_empty() && p.raw_curve().length() > longest + scale.width
         };
         if [first, second].iter().any(is_too_long) {

@@ -21,7 +21,8 @@ pub(super) struct Layout {
 /// Value of a title that states the kind of a view: more than alignment, less than another view.
 const TITLE_VALUE: f64 = 200.0;
 
-/// The layout of groups of curves, with the kinds that titles state; none if their sizes are not those of views of one part.
+/// The layout of groups of curves, with the kinds that titles state; none if their sizes are not those of views of
+/// one part.
 pub(super) fn layout_of(extents: &[Extent], titles: &[Option<ViewKind>]) -> Option<Layout> {
     let size = |g: usize, k: usize| extents[g][k][1] - extents[g][k][0];
     let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_SIZE[0].max(SAME_SIZE[1] * a.max(b));
@@ -64,9 +65,9 @@ pub(super) fn layout_of(extents: &[Extent], titles: &[Option<ViewKind>]) -> Opti
                 let named = [(Some(front), ViewKind::Front), (top, ViewKind::Top), (side, ViewKind::Side)];
                 let named = named.into_iter().filter(|(g, kind)| states(*g, *kind)).count();
                 // More views first, then those that titles name, aligned ones, and those that agree best.
-                let value = 1000.0 * views as f64 + TITLE_VALUE * named as f64
-                    + if is_aligned { 100.0 } else { 0.0 }
-                    - off;
+                let value =
+                    1000.0 * views as f64 + TITLE_VALUE * named as f64 + if is_aligned { 100.0 } else { 0.0 }
+                        - off;
                 if best.as_ref().is_none_or(|b| value > b.0) {
                     let mut kinds = vec![None; extents.len()];
                     kinds[front] = Some(ViewKind::Front);
@@ -135,7 +136,8 @@ mod tests {
             extent(40.0, 400.0, 120.0, 80.0),
             extent(60.0, 70.0, 120.0, 120.0),
         ];
-        for (titles, front) in [([Some(ViewKind::Front), None, None], 0), ([Some(ViewKind::Side), None, None], 1)]
+        for (titles, front) in
+            [([Some(ViewKind::Front), None, None], 0), ([Some(ViewKind::Side), None, None], 1)]
         {
             let layout = layout_of(&groups, &titles).unwrap();
             assert_eq!(layout.kinds[front], Some(ViewKind::Front), "{layout:?}");

@@ -26,11 +26,8 @@ pub(super) fn merged_places(mask: &Mask, boxes: &[PixelBox], width: f64) -> Vec<
             && boxes.iter().any(|b| contains(b, [x as f64, y as f64], 0.0))
             && disc.iter().all(|[dx, dy]| mask.is_set(x as isize + dx, y as isize + dy))
     };
-    let centres = Mask {
-        columns: mask.columns,
-        rows: mask.rows,
-        pixels: (0..mask.pixels.len()).map(fits).collect(),
-    };
+    let centres =
+        Mask { columns: mask.columns, rows: mask.rows, pixels: (0..mask.pixels.len()).map(fits).collect() };
     let (labels, count) = centres.parts();
     let mut bounds = vec![[[f64::MAX, f64::MIN]; 2]; count];
     for (k, label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {

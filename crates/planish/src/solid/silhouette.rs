@@ -39,9 +39,9 @@ pub(super) fn silhouette(view: &View) -> Vec<DrawnCurve> {
     let is_outside = filled_from_border(&is_drawn, size);
     let is_beside = |[x, y]: &[usize; 2]| {
         let around = (-NEAR..=NEAR).flat_map(|dx| (-NEAR..=NEAR).map(move |dy| (dx, dy)));
-        around.into_iter().any(|(dx, dy)| {
-            is_outside[y.saturating_add_signed(dy) * size[0] + x.saturating_add_signed(dx)]
-        })
+        around
+            .into_iter()
+            .any(|(dx, dy)| is_outside[y.saturating_add_signed(dy) * size[0] + x.saturating_add_signed(dx)])
     };
     let is_contour = |points: &Vec<[usize; 2]>| {
         let reached = points.iter().filter(|p| is_beside(p)).count();
