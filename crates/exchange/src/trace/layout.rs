@@ -21,8 +21,8 @@ pub(super) struct Layout {
 /// Value of a title that states the kind of a view: more than alignment, less than another view.
 const TITLE_VALUE: f64 = 200.0;
 
-/// The layout of groups of curves, with the kinds that titles state; none if their sizes are not those of views of
-/// one part.
+/// The layout of groups of curves, with the kinds that titles state; none if their sizes are not those of
+/// views of one part.
 pub(super) fn layout_of(extents: &[Extent], titles: &[Option<ViewKind>]) -> Option<Layout> {
     let size = |g: usize, k: usize| extents[g][k][1] - extents[g][k][0];
     let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_SIZE[0].max(SAME_SIZE[1] * a.max(b));

@@ -12,8 +12,8 @@ use planish_solid::drawing::{Drawing, LineStyle, ViewContent};
 use planish_solid::reprojection::ReprojectionOptions;
 use planish_solid::views::{NearestSolid, Solutions, joined, solve_nearest};
 
-/// Minimum agreement of the lines of the solid with those of the picture. The solid of the outer contours alone
-/// has 0.3 to 0.6, and often most of the volume; with less, the views were probably read wrongly.
+/// Minimum agreement of the lines of the solid with those of the picture. The solid of the outer contours
+/// alone has 0.3 to 0.6, and often most of the volume; with less, the views were probably read wrongly.
 const MIN_AGREEMENT: f64 = 0.3;
 /// Agreement from which on no other reading of the lines is tried.
 const GOOD_AGREEMENT: f64 = 0.97;

@@ -1,4 +1,4 @@
-//! Equations between the values of traced pieces: ends on their curves, tangents, and circles that reach lines.
+//! Equations between values of traced pieces: ends on curves, tangents, and circles that reach lines.
 
 use super::super::consistent::Equation;
 use super::super::ends::tangent_point;
