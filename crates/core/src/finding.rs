@@ -229,6 +229,10 @@ codes! {
     LineRepeated = "line-repeated", Warning: "A line occurs twice in a drawing and counts once.",
     DrawingInexact = "drawing-inexact", Warning:
         "Ends or sizes of a drawing nearly agree, or an outline is open.",
+    LinesUnexplained = "lines-unexplained", Warning:
+        "The solid explains most lines of a picture, but not all.",
+    DetailsMerged = "details-merged", Warning:
+        "Lines of a picture are so close that they merge, and details may be lost.",
     SheetSetAside = "sheet-set-aside", Info: "Lines of a sheet belong to no view.",
     ScaleApplied = "scale-applied", Info: "Lengths of a drawing are multiplied by its scale.",
     ScaleUnknown = "scale-unknown", Warning: "The scale of a sheet is not known.",

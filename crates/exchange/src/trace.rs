@@ -20,6 +20,7 @@ mod ink;
 mod joining;
 mod layout;
 mod marks;
+mod merged;
 mod moments;
 mod pieces;
 mod scale;
@@ -27,6 +28,7 @@ mod skeleton;
 #[cfg(test)]
 mod tests;
 mod thinning;
+mod titles;
 
 use crate::dxf::DxfDrawing;
 use crate::glyphs::read_words;
@@ -59,20 +61,34 @@ pub(crate) fn read_traced(path: &Path) -> Result<DxfDrawing> {
     trace(&read_brightness(path)?).map_err(|e| e.in_context(path.display()))
 }
 
-fn trace(image: &Image) -> Result<DxfDrawing> {
+/// The pieces of a picture before their coordinates are aligned.
+struct TracedPieces {
+    pieces: PieceGraph,
+    /// Boxes of the views, y upwards.
+    boxes: Vec<marks::PixelBox>,
+    scale: LineScale,
+    /// Maximum length of a dash.
+    dash: f64,
+    rows: usize,
+    findings: Vec<Finding>,
+}
+
+fn traced_pieces(image: &Image) -> Result<TracedPieces> {
     let none = || Error::input("expected a picture of a drawing with dark lines, found none");
     let ink = Ink::new(image).ok_or_else(none)?;
     let mask = Mask { columns: ink.columns, rows: ink.rows, pixels: ink.mask.clone() };
     let (labels, parts) = mask.parts();
     let part_of = |p: [i32; 2]| labels[p[1] as usize * ink.columns + p[0] as usize];
     let covered = mask.pixels.iter().filter(|p| **p).count();
-    let skeleton = mask.thinned();
+    let skeleton = mask.clone().thinned();
     let length = skeleton.pixels.iter().filter(|p| **p).count().max(1);
     let sigma = SIGMAS[usize::from(ink.grey_share > GREY_SHARE)];
     let scale = LineScale { width: covered as f64 / length as f64, sigma };
     let graph = PixelGraph::new(&skeleton, scale.width);
     let size = ink.columns.max(ink.rows) as f64;
     let boxes = marks::view_boxes(&graph, part_of, parts, size);
+    let merged = merged::merged_places(&mask, &boxes, scale.width);
+    let findings = merged::finding(&merged, scale.width).into_iter().collect();
     let mut pieces = PieceGraph::new(&graph, &ink, scale);
     pieces.flip(ink.rows);
     let boxes: Vec<marks::PixelBox> = boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect();
@@ -80,7 +96,7 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
         piece.is_dropped = !boxes.iter().any(is_in);
     }
-    pieces.join_at_nodes();
+    pieces.join_at_nodes(scale);
     pieces.fit_fillets();
     let dash = pieces.usual_dash(scale);
     pieces.join_dashes(scale);
@@ -88,9 +104,16 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     let dash = 1.2 * dash + scale.width;
     pieces.close_ends(dash, scale);
     pieces.place_nodes();
-    let mut drawing = DxfDrawing::default();
-    let curves = alignment::aligned(&pieces, &boxes, scale)?;
-    let dimensions = read_words(image).dimensions(ink.rows, READ);
+    Ok(TracedPieces { pieces, boxes, scale, dash, rows: ink.rows, findings })
+}
+
+fn trace(image: &Image) -> Result<DxfDrawing> {
+    let TracedPieces { pieces, boxes, scale, dash, rows, findings } = traced_pieces(image)?;
+    let mut drawing = DxfDrawing { findings, ..DxfDrawing::default() };
+    let text = read_words(image);
+    let titles = titles::kinds_by_title(&text, &boxes, [image.columns, image.rows]);
+    let curves = alignment::aligned(&pieces, &boxes, &titles, scale)?;
+    let dimensions = text.dimensions(rows, READ);
     match scale::pixel_length(&dimensions, &sizes(&curves, &pieces, &boxes)) {
         Some((length, _)) => drawing.pixel_length = Some(length),
         None => drawing.findings.push(Finding::new(FindingCode::ScaleUnknown, UNSCALED)),
@@ -104,7 +127,7 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         drawing.curves.push(DrawnCurve {
             curve: aligned.curve,
             style: if piece.is_hidden { LineStyle::Hidden } else { LineStyle::Visible },
-            entity: format!("{} at pixel {x:.0} {:.0}", kind_of(piece), ink.rows as f64 - 1.0 - y),
+            entity: format!("{} at pixel {x:.0} {:.0}", kind_of(piece), rows as f64 - 1.0 - y),
         });
     }
     Ok(drawing)

@@ -8,6 +8,7 @@
 mod drawing;
 mod misses;
 mod nearby_curves;
+mod nearest;
 mod noisy;
 mod page;
 mod relaxed;
@@ -15,6 +16,7 @@ mod repaired;
 mod search;
 mod settings;
 mod sheet;
+mod silhouette;
 mod stacked;
 mod writing;
 
@@ -39,9 +41,9 @@ use planish_solid::reprojection::Disagreement;
 pub use planish_solid::sheet::Projection;
 pub use planish_solid::views::ViewKind;
 use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, Solutions};
-use search::{SearchedReading, search_further, search_readings};
+use search::{Accuracy, SearchedReading, search_further, search_readings};
 use serde::Serialize;
-use settings::check_settings;
+use settings::{check_settings, is_picture};
 use sheet::ReadDrawing;
 use std::path::PathBuf;
 
@@ -255,9 +257,13 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         None => drawing::explain(error, drawing, &job.views),
     };
     // Contours are consistent within their σ already, and a given tolerance was applied on reading.
-    let is_exact = noisy.is_some() || job.tolerance.is_some();
+    let accuracy = match noisy.is_some() || job.tolerance.is_some() {
+        true => Accuracy::Consistent,
+        false if job.views.iter().any(|path| is_picture(path)) => Accuracy::Traced,
+        false => Accuracy::Drawn,
+    };
     let strict = search_readings(readings.clone(), progress, explain);
-    let (searched, edits) = search_further(strict, &readings, is_exact, job.repair, progress)?;
+    let (searched, edits) = search_further(strict, &readings, accuracy, job.repair, progress)?;
     let SearchedReading {
         reading: ReadDrawing { drawing, sheet, findings: noticed, .. },
         found,
@@ -273,7 +279,8 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
         _ => None,
     };
-    findings.extend(search_incomplete(&found));
+    let is_nearest = findings.iter().any(|finding| finding.code == FindingCode::LinesUnexplained);
+    findings.extend(search_incomplete(&found).filter(|_| !is_nearest));
     // Coordinates that nearly agree are the usual reason. In contours, σ has decided already which are equal.
     if accepted.is_empty() && noisy.is_none() && undecided.is_none() {
         findings.extend(drawing::misses(&drawing, &job.views));
@@ -392,6 +399,8 @@ fn judge(report: &SolidReport, views: usize, undecided: Option<String>) -> Vec<F
         }
         // A hole seen from two sides may be round or square, and a bar may be round or flat.
         _ if !report.edits.is_empty() => {}
+        // The finding that lists what is unexplained says what the solid is.
+        _ if report.findings.iter().any(|f| f.code == FindingCode::LinesUnexplained) => {}
         1 if views < 3 => {
             let text = "one solid of the simplest faces has these views; two views leave open whether what \
                         runs along the missing direction is flat or round: add the third view";

@@ -41,6 +41,7 @@ mod drawing_grid;
 mod edge_splines;
 mod hatched;
 mod joined;
+mod nearest;
 mod oblique;
 mod oblique_sight;
 #[cfg(test)]
@@ -77,10 +78,11 @@ pub use crate::drawing::{
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::{coordinate_mismatches, joined};
+pub use nearest::{NearestSolid, solve_nearest};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 pub(crate) use search::Bodies;
-use search::{CellState, Conventions, Regularity, SmoothEdges};
+use search::{CellState, Conventions, Explained, Regularity, SmoothEdges};
 use sight::Expected;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -100,7 +102,7 @@ const TYPICAL_SIZE: [f64; 2] = [0.1, 1e6];
 
 /// Distance below which edges and vertices touch, relative to the size of the drawing.
 ///
-/// A larger value reports narrow gaps as contacts; a smaller one misses contacts of inaccurate drawings.
+/// Larger: narrow gaps are contacts. Smaller: contacts of inaccurate drawings are missed.
 const CONTACT_DISTANCE: f64 = 2e-5;
 
 /// Maximum number of arcs, and of lines along no axis, in a view. Each is compared with all others, to find
@@ -299,15 +301,14 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     }
     let smooth_edges = SmoothEdges::MayBeDrawn;
     let smooth = solve_with(drawing, Conventions { smooth_edges, ..conventions }, scale);
-    // Bodies that touch come last: each boss may be a body of its own, which only adds solids where others
-    // are found.
+    // Bodies that touch come last: each boss may be a body of its own, which only adds solids.
     if best_agreeing(&smooth, drawing).is_none() {
         let touching = solve_with(drawing, Conventions { bodies: Bodies::MayTouch, ..conventions }, scale);
         if best_agreeing(&touching, drawing).is_some() {
             return touching;
         }
     }
-    // If both fail, report the result that lists fewer unexplained lines.
+    // If both fail: the result with fewer unexplained lines.
     let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
     match best_agreeing(&smooth, drawing).is_some()
         || best_cost(&plain).is_none() && named(&smooth) < named(&plain)
@@ -436,7 +437,7 @@ fn solve_grid(
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
-    if !solutions.unexplained.is_empty() {
+    if conventions.explained == Explained::All && !solutions.unexplained.is_empty() {
         // Not an error: the caller reports the lines.
         return Ok(solutions);
     }

@@ -5,12 +5,15 @@
 //! 3. The groups change as little as their σ allow so that ends lie on circles, and circles reach the lines
 //!    that show them in other views.
 
+mod equations;
+
 use super::consistent::{Equation, SOLVED, solved};
 use super::ends::tangent_point;
 use super::layout::{Extent, Layout, corners, layout_of};
 use super::marks::PixelBox;
 use super::moments::Shape;
 use super::pieces::{LineScale, Piece, PieceGraph};
+use equations::equations;
 use planish_estimate::{Error, Result};
 use planish_solid::drawing::ViewKind;
 use planish_solid::views::{Curve2, distance};
@@ -20,14 +23,29 @@ use std::f64::consts::TAU;
 const SAME: f64 = 3.0;
 /// The same for corners at rims of circles, and for radii: pixels, or σ of a line.
 const RIM: [f64; 2] = [0.3, 1.2];
-/// Maximum difference of sizes of views after alignment, relative to the largest size.
-const MAX_MISFIT: f64 = 1e-3;
+/// Maximum difference of sizes of views after alignment, relative to the size.
+const MAX_MISFIT: f64 = 2e-3;
+/// σ of a node in σ of a line, at a right angle: corners of skeletons are rounded off.
+const NODE_FACTOR: f64 = 1.7;
+/// Maximum σ of a node for comparisons, σ from which on it is a point of tangency, and maximum σ for changes,
+/// in pixels.
+const MAX_NODE_SIGMA: f64 = 1.5;
+const TANGENT_SIGMA: f64 = 3.0;
+const MAX_SPREAD: f64 = 10.0;
+/// Distance in pixels beyond the outline of a view from which on a curve is false.
+const OUTSIDE: f64 = 1.5;
+/// Maximum distance of the line at the end of a view from the extent of all its curves, in pixels.
+const END_OF_VIEW: f64 = 1.5;
 /// Slope of a line that is parallel to an axis: pixels over its length, in addition σ, and radians.
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
 const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
-/// How often equations that contradict others are left out.
-const MAX_REPEATS: usize = 8;
+/// Maximum length of an arc: factor of its number of points, and pixels in addition.
+const MAX_UNCOVERED: [f64; 2] = [2.5, 20.0];
+/// Sine of the angle to an axis below which a line shows the extent of a view.
+const STRAIGHT: f64 = 0.01;
+/// Minimum number of points of a piece from which the extent of a view follows.
+const MIN_CLEAR_POINTS: usize = 6;
 
 /// A value of an axis.
 #[derive(Debug, Clone)]
@@ -35,13 +53,18 @@ struct Value {
     /// 3 · view + axis of the view (0, 1), or 2 for a radius.
     owner: usize,
     at: f64,
+    /// σ for comparisons with other values.
     sigma: f64,
+    /// σ by which the value may change: where curves meet at a small angle, much more.
+    spread: f64,
     /// The range of a line across the axis.
     range: Option<[f64; 2]>,
     /// Whether it is that of a corner at the rim of a circle, often close to an extreme of the circle.
     is_rim: bool,
     /// Number of its group, once it is known.
     group: usize,
+    /// Whether it is the first (0) or last (1) line of its view along its axis: those of all views are one.
+    end_of_view: Option<usize>,
 }
 
 /// Values, and which pieces and nodes have them.
@@ -63,17 +86,30 @@ pub(super) struct AlignedCurve {
 }
 
 /// The curves of all views, placed in rows and columns, in pixels with y upwards.
-pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) -> Result<Vec<AlignedCurve>> {
+///
+/// `titles`: the kinds that titles state for the boxes.
+///
+/// # Errors
+/// `Input` if the sizes of the views do not agree.
+pub(super) fn aligned(
+    graph: &PieceGraph,
+    boxes: &[PixelBox],
+    titles: &[Option<ViewKind>],
+    scale: LineScale,
+) -> Result<Vec<AlignedCurve>> {
     let view_of = views_of(graph, boxes);
     let extents: Vec<Extent> = (0..boxes.len()).map(|v| extent_of(graph, &view_of, v)).collect();
-    let layout = layout_of(&extents);
-    let mut values = Values::new(graph, &view_of, scale);
+    let layout = layout_of(&extents, titles);
+    let mut values = Values::new(graph, &view_of, &extents, scale);
     let frames = frames_of(&extents, layout.as_ref());
+    if layout.is_some() {
+        values.mark_ends(&extents);
+    }
     let groups = values.grouped(&frames, scale);
     let sigmas: Vec<f64> = groups.iter().map(|g| g.1).collect();
     let start: Vec<f64> = groups.iter().map(|g| g.0).collect();
     let equations = equations(graph, &values, &frames, &start, &sigmas);
-    let found = consistent(&start, &sigmas, equations);
+    let found = consistent(&start, &sigmas, &equations);
     let places = layout.as_ref().map(|l| corners(l, &extents));
     let curves: Vec<AlignedCurve> = (0..graph.pieces.len())
         .filter(|k| !graph.pieces[*k].is_dropped)
@@ -92,16 +128,53 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             Some(AlignedCurve { curve, piece: k })
         })
         .collect();
-    // Otherwise a view would be left out, and two views have more solids than three.
-    let largest = frames.iter().flatten().map(|f| f.extent).fold(0.0, f64::max);
-    for (v, own) in frames.iter().enumerate() {
-        let bounds = curves.iter().filter(|c| view_of[c.piece] == Some(v)).map(|c| c.curve.bounds());
-        let bounds = bounds.fold([[f64::MAX, f64::MIN]; 2], |all, b| {
+    let curves = within_views(curves, &view_of, &frames, places.as_deref());
+    check_sizes(&curves, &view_of, &extents, layout.as_ref())?;
+    Ok(curves)
+}
+
+/// The curves without those that reach beyond their view: the outline has no false ends.
+fn within_views(
+    mut curves: Vec<AlignedCurve>,
+    view_of: &[Option<usize>],
+    frames: &[[Frame; 2]],
+    places: Option<&[[f64; 2]]>,
+) -> Vec<AlignedCurve> {
+    let Some(places) = places else { return curves };
+    curves.retain(|c| {
+        let Some(v) = view_of[c.piece] else { return false };
+        let bounds = c.curve.bounds();
+        (0..2).all(|k| {
+            let low = places[v][k].round();
+            bounds[k][0] >= low - OUTSIDE && bounds[k][1] <= low + frames[v][k].extent + OUTSIDE
+        })
+    });
+    curves
+}
+
+/// Refuses groups of lines that are no views, and views of different sizes: otherwise a view would be left
+/// out, and two views have more solids than three.
+fn check_sizes(
+    curves: &[AlignedCurve],
+    view_of: &[Option<usize>],
+    extents: &[Extent],
+    layout: Option<&Layout>,
+) -> Result<()> {
+    let mut sizes: [Option<f64>; 3] = [None; 3];
+    for (v, [[left, right], [bottom, top]]) in extents.iter().enumerate() {
+        let own = curves.iter().filter(|c| view_of[c.piece] == Some(v)).map(|c| c.curve.bounds());
+        let bounds = own.fold([[f64::MAX, f64::MIN]; 2], |all, b| {
             [0, 1].map(|k| [all[k][0].min(b[k][0]), all[k][1].max(b[k][1])])
         });
-        let is_off = |k: usize| (bounds[k][1] - bounds[k][0] - own[k].extent).abs() > MAX_MISFIT * largest;
-        if layout.as_ref().is_none_or(|l| l.kinds[v].is_none()) || is_off(0) || is_off(1) {
-            let [[left, right], [bottom, top]] = extents[v];
+        let kind = layout.and_then(|l| l.kinds[v]);
+        let agrees = kind.is_some_and(|kind| {
+            (0..2).all(|k| {
+                let size = bounds[k][1] - bounds[k][0];
+                let known = *sizes[kind.axes()[k]].get_or_insert(size);
+                (known - size).abs() <= MAX_MISFIT * known.max(size)
+            })
+        });
+        if !agrees {
             return Err(Error::input(format!(
                 "expected two or three views of one part whose sizes agree, found a group of lines from \
                  pixel {left:.0} {bottom:.0} to {right:.0} {top:.0} (y upwards) that does not: crop the \
@@ -109,31 +182,54 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             )));
         }
     }
-    Ok(curves)
+    Ok(())
 }
 
-/// The values that meet the equations; those that would change values by too much are left out.
-fn consistent(start: &[f64], sigmas: &[f64], mut equations: Vec<Equation<'_>>) -> Vec<f64> {
-    let change = |found: &[f64], k: usize| (found[k] - start[k]).abs() - MAX_CHANGE[0] * sigmas[k];
-    for _ in 0..MAX_REPEATS {
-        let before = equations.len();
-        let Some((found, residuals)) = solved(start, sigmas, &equations) else { break };
-        let largest = residuals.iter().copied().fold(0.0, f64::max);
-        let is_moved: Vec<bool> = (0..found.len()).map(|k| change(&found, k) > MAX_CHANGE[1]).collect();
-        if largest < 1e3 * SOLVED && !is_moved.contains(&true) {
-            return found;
-        }
-        // Those that contradict others have large residuals.
-        let mut left = residuals.iter();
-        equations.retain(|e| {
-            let is_met = left.next().is_some_and(|r| *r < (0.5 * largest).max(1e3 * SOLVED));
-            is_met && (largest >= 1e3 * SOLVED || e(start).1.iter().all(|(k, _)| !is_moved[*k]))
-        });
-        if equations.len() == before {
-            break;
+/// The values that meet the equations. Equations are added in the order of their misfit, and those that
+/// contradict the ones before, or change values by too much, are left out.
+fn consistent(start: &[f64], sigmas: &[f64], equations: &[Equation<'_>]) -> Vec<f64> {
+    let misfit = |e: &Equation<'_>| {
+        let (residual, slopes) = e(start);
+        let sigma = slopes.iter().map(|(k, slope)| (slope * sigmas[*k]).powi(2)).sum::<f64>().sqrt();
+        let limit = (MAX_CHANGE[0] * sigma).max(MAX_CHANGE[1]);
+        // Equations whose unknowns are one value have no derivatives.
+        if sigma > 1e-6 && residual.abs() <= limit { residual.abs() / sigma } else { f64::INFINITY }
+    };
+    let mut order: Vec<(f64, &Equation<'_>)> = equations.iter().map(|e| (misfit(e), e)).collect();
+    order.retain(|(misfit, _)| misfit.is_finite());
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let order: Vec<&Equation<'_>> = order.into_iter().map(|(_, e)| e).collect();
+    let mut values = start.to_vec();
+    add_equations(start, sigmas, &mut Vec::new(), &order, &mut values);
+    values
+}
+
+/// Adds equations to those that are met; if they cannot all be met, each half of them.
+fn add_equations<'e, 'f>(
+    start: &[f64],
+    sigmas: &[f64],
+    met: &mut Vec<&'e Equation<'f>>,
+    more: &[&'e Equation<'f>],
+    values: &mut Vec<f64>,
+) {
+    if more.is_empty() {
+        return;
+    }
+    let before = met.len();
+    met.extend(more);
+    if let Some((found, residuals)) = solved(start, sigmas, met) {
+        let is_near = |k: usize| (found[k] - start[k]).abs() <= MAX_CHANGE[0] * sigmas[k] + MAX_CHANGE[1];
+        if residuals.iter().all(|r| *r < 1e3 * SOLVED) && (0..found.len()).all(is_near) {
+            *values = found;
+            return;
         }
     }
-    start.to_vec()
+    met.truncate(before);
+    if more.len() > 1 {
+        let (first, second) = more.split_at(more.len() / 2);
+        add_equations(start, sigmas, met, first, values);
+        add_equations(start, sigmas, met, second, values);
+    }
 }
 
 /// The curve of a piece with consistent values.
@@ -159,14 +255,14 @@ fn curve_of(
     // The direction is that of the traced arc.
     let Shape::Circle(own, _) = piece.shape else { return None };
     let raw = piece.nodes.map(|n| n.map_or(own, |n| graph.nodes[n]));
-    let middle = piece.points.get(piece.points.len() / 2).copied().unwrap_or(own);
+    let middle = piece.inner_point(raw[0], raw[1]);
     let angle = |p: [f64; 2], c: [f64; 2]| (p[1] - c[1]).atan2(p[0] - c[0]);
     let turn = |a: f64, b: f64| (b - a).rem_euclid(TAU);
     let (s, m, e) = (angle(raw[0], own), angle(middle, own), angle(raw[1], own));
     let (from, to) = if turn(s, m) <= turn(s, e) { (a, b) } else { (b, a) };
     let start = angle(from, center);
     let sweep = turn(start, angle(to, center));
-    (sweep > 1e-6).then_some(Curve2::Arc { center, radius, start, sweep })
+    (sweep > 1e-6 && piece.covers(radius * sweep)).then_some(Curve2::Arc { center, radius, start, sweep })
 }
 
 /// How a coordinate of a view is one of the part: part = sign · (sheet − offset).
@@ -228,11 +324,32 @@ fn views_of(graph: &PieceGraph, boxes: &[PixelBox]) -> Vec<Option<usize>> {
 }
 
 fn extent_of(graph: &PieceGraph, view_of: &[Option<usize>], view: usize) -> Extent {
-    let own = (0..graph.pieces.len()).filter(|k| view_of[*k] == Some(view) && !graph.pieces[*k].is_dropped);
-    own.fold([[f64::MAX, f64::MIN]; 2], |all, k| {
-        let bounds = graph.placed_curve(k).bounds();
+    let is_own = |k: &usize| view_of[*k] == Some(view) && !graph.pieces[*k].is_dropped;
+    // The outline of a part is visible; hidden lines and short pieces have less accurate ends.
+    let is_clear = |k: &usize| {
+        let piece = &graph.pieces[*k];
+        is_own(k) && !piece.is_hidden && piece.raw.len() >= MIN_CLEAR_POINTS
+    };
+    let clear: Vec<usize> = (0..graph.pieces.len()).filter(is_clear).collect();
+    let own = if clear.is_empty() { (0..graph.pieces.len()).filter(is_own).collect() } else { clear };
+    own.into_iter().fold([[f64::MAX, f64::MIN]; 2], |all, k| {
+        let mut bounds = graph.placed_curve(k).bounds();
+        // Of lines a few pixels apart that share their nodes, the nodes are between both.
+        if let Shape::Line(at, along) = graph.pieces[k].shape
+            && let Some(axis) = (0..2).find(|axis| along[*axis].abs() <= STRAIGHT)
+        {
+            bounds[axis] = [bounds[axis][0].min(at[axis]), bounds[axis][1].max(at[axis])];
+        }
         [0, 1].map(|c| [all[c][0].min(bounds[c][0]), all[c][1].max(bounds[c][1])])
     })
+}
+
+impl Piece {
+    /// Whether a curve of a length may be that of its points: a false arc reaches far beyond them. Gaps of a
+    /// dashed one are shorter than its dashes.
+    fn covers(&self, length: f64) -> bool {
+        length <= MAX_UNCOVERED[0] * self.raw.len() as f64 + MAX_UNCOVERED[1]
+    }
 }
 
 impl PieceGraph {
@@ -241,8 +358,12 @@ impl PieceGraph {
         let piece = &self.pieces[k];
         match piece.nodes {
             [Some(a), Some(b)] if !piece.is_closed => {
-                let middle = piece.points.get(piece.points.len() / 2).copied().unwrap_or(piece.ends[0]);
-                piece.shape.between(self.nodes[a], middle, self.nodes[b])
+                let middle = piece.inner_point(self.nodes[a], self.nodes[b]);
+                let curve = piece.shape.between(self.nodes[a], middle, self.nodes[b]);
+                match piece.covers(curve.length()) {
+                    true => curve,
+                    false => Curve2::Segment(self.nodes[a], self.nodes[b]),
+                }
             }
             _ => piece.raw_curve(),
         }
@@ -250,7 +371,7 @@ impl PieceGraph {
 }
 
 impl Values {
-    fn new(graph: &PieceGraph, view_of: &[Option<usize>], scale: LineScale) -> Self {
+    fn new(graph: &PieceGraph, view_of: &[Option<usize>], extents: &[Extent], scale: LineScale) -> Self {
         let count = graph.pieces.len();
         let mut made =
             Self { all: Vec::new(), nodes: Vec::new(), circles: vec![None; count], axes: vec![None; count] };
@@ -267,15 +388,21 @@ impl Values {
                         owner: 3 * view + axis,
                         at: at[axis],
                         sigma: scale.sigma,
+                        spread: scale.sigma,
                         range,
                         is_rim: false,
                         group: 0,
+                        end_of_view: None,
                     };
                     made.axes[k] = Some(axis);
                     let index = made.push(value);
                     for (n, members) in graph.members.iter().enumerate() {
                         if members.contains(&k) {
-                            node_values[n][axis].get_or_insert(index);
+                            // Of two lines, the outer one is the outline.
+                            let middle = 0.5 * (extents[view][axis][0] + extents[view][axis][1]);
+                            let off = |v: usize| (made.all[v].at - middle).abs();
+                            let own = &mut node_values[n][axis];
+                            *own = Some(own.filter(|known| off(*known) >= off(index)).unwrap_or(index));
                         }
                     }
                 }
@@ -286,9 +413,11 @@ impl Values {
                             owner: 3 * view + axis,
                             at,
                             sigma,
+                            spread: sigma,
                             range: None,
                             is_rim: false,
                             group: 0,
+                            end_of_view: None,
                         })
                     };
                     let [x, y] = [at(&mut made, 0, center[0]), at(&mut made, 1, center[1])];
@@ -303,12 +432,17 @@ impl Values {
             let touches =
                 shapes.iter().any(|a| shapes.iter().any(|b| a != b && tangent_point(a, b).is_some()));
             let is_rim = !touches && shapes.iter().any(is_circle);
-            // Where only one piece ends, its place along that piece is known poorly.
-            let sigma = if shapes.len() > 1 { 1.7 * scale.sigma } else { 1.0 };
+            let spreads = node_spreads(&shapes, graph.nodes[n], scale);
             let values = [0, 1].map(|axis| {
                 known[axis].unwrap_or_else(|| {
-                    let at = graph.nodes[n][axis];
-                    made.push(Value { owner: 3 * view + axis, at, sigma, range: None, is_rim, group: 0 })
+                    let (at, spread) = (graph.nodes[n][axis], spreads[axis]);
+                    let owner = 3 * view + axis;
+                    // A point of tangency follows from an equation, and would join the wrong group.
+                    let is_tangent = spread > TANGENT_SIGMA;
+                    let sigma = if is_tangent { scale.sigma } else { spread.min(MAX_NODE_SIGMA) };
+                    let value =
+                        Value { owner, at, sigma, spread, range: None, is_rim, group: 0, end_of_view: None };
+                    made.push(value)
                 })
             });
             made.nodes.push(values);
@@ -319,6 +453,24 @@ impl Values {
     fn push(&mut self, value: Value) -> usize {
         self.all.push(value);
         self.all.len() - 1
+    }
+
+    /// Marks the lines at the ends of each view.
+    fn mark_ends(&mut self, extents: &[Extent]) {
+        for (view, extent) in extents.iter().enumerate() {
+            for (axis, range) in extent.iter().enumerate() {
+                for (end, place) in range.iter().enumerate() {
+                    let off = |v: &Value| (v.at - place).abs();
+                    let own = |v: &&mut Value| {
+                        v.owner == 3 * view + axis && v.range.is_some() && off(v) <= END_OF_VIEW
+                    };
+                    let lines = self.all.iter_mut().filter(own);
+                    if let Some(line) = lines.min_by(|a, b| off(a).total_cmp(&off(b))) {
+                        line.end_of_view = Some(end);
+                    }
+                }
+            }
+        }
     }
 
     /// Groups values of one axis; returns value and σ of each group.
@@ -338,7 +490,7 @@ impl Values {
         while first < order.len() {
             let last = first + order[first..].iter().take_while(|o| o.0 == order[first].0).count();
             for members in self.clusters(&order[first..last], scale) {
-                let weight = |k: usize| self.all[k].sigma.powi(-2);
+                let weight = |k: usize| self.all[k].spread.powi(-2);
                 let total: f64 = members.iter().map(|(_, k)| weight(*k)).sum();
                 let mean = members.iter().map(|(at, k)| weight(*k) * at).sum::<f64>() / total;
                 members.iter().for_each(|(_, k)| self.all[*k].group = groups.len());
@@ -362,6 +514,17 @@ impl Values {
             .iter()
             .map(|(_, at, k)| Cluster { members: vec![(*at, *k)], mean: *at, sigma: self.all[*k].sigma })
             .collect();
+        // Sizes of views may differ by more than their σ, but the views are those of one part.
+        for end in 0..2 {
+            let is_end = |c: &Cluster| self.all[c.members[0].1].end_of_view == Some(end);
+            let (ends, others): (Vec<Cluster>, Vec<Cluster>) = all.into_iter().partition(is_end);
+            let members: Vec<(f64, usize)> = ends.into_iter().flat_map(|c| c.members).collect();
+            let mean = members.iter().map(|m| m.0).sum::<f64>() / members.len().max(1) as f64;
+            all = others;
+            let Some((_, first)) = members.first() else { continue };
+            all.push(Cluster { mean, sigma: self.all[*first].sigma, members });
+            all.sort_by(|a, b| a.mean.total_cmp(&b.mean));
+        }
         loop {
             let gap = |k: usize| {
                 let (a, b) = (&all[k], &all[k + 1]);
@@ -401,6 +564,22 @@ impl Values {
     }
 }
 
+/// σ of both coordinates of a node: the covariance σ² (Σ n nᵀ)⁻¹ of the point where curves with normals n
+/// meet. Where only one piece ends, its place along that piece is known poorly.
+fn node_spreads(shapes: &[Shape], node: [f64; 2], scale: LineScale) -> [f64; 2] {
+    if shapes.len() < 2 {
+        return [1.0; 2];
+    }
+    let prior = (scale.sigma / MAX_SPREAD).powi(2);
+    let mut m = [prior, 0.0, prior];
+    for shape in shapes {
+        let n = shape.normal(node);
+        m = [m[0] + n[0] * n[0], m[1] + n[0] * n[1], m[2] + n[1] * n[1]];
+    }
+    let det = m[0] * m[2] - m[1] * m[1];
+    [m[2], m[0]].map(|c| scale.sigma * (c / det).sqrt().max(NODE_FACTOR))
+}
+
 /// The axis whose coordinate a line has, if it is parallel to the other one.
 fn parallel_axis(piece: &Piece, along: [f64; 2], scale: LineScale) -> Option<usize> {
     let length = distance(piece.ends[0], piece.ends[1]).max(1.0);
@@ -418,136 +597,4 @@ fn centre_error(piece: &Piece) -> f64 {
         _ => 1.0,
     };
     (0.7 + 4.0 / (sweep * sweep)).min(8.0)
-}
-
-/// That ends lie on their circles and slanted lines, and that circles reach lines.
-fn equations<'a>(
-    graph: &'a PieceGraph,
-    values: &'a Values,
-    frames: &'a [[Frame; 2]],
-    start: &[f64],
-    sigmas: &[f64],
-) -> Vec<Equation<'a>> {
-    let mut all: Vec<Equation<'a>> = Vec::new();
-    let mut has_line = vec![false; start.len()];
-    for value in values.all.iter().filter(|v| v.range.is_some()) {
-        has_line[value.group] = true;
-    }
-    let frame_of = |value: usize| {
-        let owner = values.all[value].owner;
-        frames[owner / 3][owner % 3]
-    };
-    let axis_of_group: Vec<Option<usize>> = {
-        let mut axes = vec![None; start.len()];
-        for (k, value) in values.all.iter().enumerate().filter(|(_, v)| v.owner % 3 != 2) {
-            axes[value.group] = Some(frame_of(k).axis);
-        }
-        axes
-    };
-    // Circles reach lines: of this view or of others.
-    let mut reached = std::collections::BTreeSet::new();
-    for circle in values.circles.iter().flatten() {
-        let r = values.group(circle[2]);
-        for center in &circle[..2] {
-            let c = values.group(*center);
-            let own_axis = axis_of_group[c];
-            for sign in [1.0, -1.0] {
-                let reach = start[c] + sign * start[r];
-                let off = |g: &usize| (start[*g] - reach).abs();
-                let near = (0..start.len()).filter(|g| has_line[*g] && axis_of_group[*g] == own_axis);
-                let Some(g) = near.min_by(|a, b| off(a).total_cmp(&off(b))) else { continue };
-                let limit = SAME * (sigmas[c].powi(2) + sigmas[r].powi(2) + sigmas[g].powi(2)).sqrt() + 0.3;
-                if off(&g) <= limit && g != c && reached.insert((c, r, g)) {
-                    all.push(Box::new(move |x| {
-                        (x[c] + sign * x[r] - x[g], vec![(c, 1.0), (r, sign), (g, -1.0)])
-                    }));
-                }
-            }
-        }
-    }
-    for (n, members) in graph.members.iter().enumerate() {
-        let own = values.nodes[n].map(|v| values.group(v));
-        let shapes: Vec<usize> = members.iter().copied().filter(|k| !graph.pieces[*k].is_dropped).collect();
-        for k in &shapes {
-            if let Some(circle) = values.circles[*k] {
-                let [cx, cy, r] = circle.map(|v| values.group(v));
-                all.push(Box::new(move |x| {
-                    let d = [x[own[0]] - x[cx], x[own[1]] - x[cy]];
-                    let length = d[0].hypot(d[1]).max(1e-9);
-                    let u = d.map(|c| c / length);
-                    (length - x[r], vec![(own[0], u[0]), (own[1], u[1]), (cx, -u[0]), (cy, -u[1]), (r, -1.0)])
-                }));
-            } else if values.axes[*k].is_none()
-                && let [Some(a), Some(b)] = graph.pieces[*k].nodes
-                && a != n
-                && b != n
-            {
-                // On a slanted line.
-                let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-                all.push(Box::new(move |x| on_line(x, own, p, q)));
-            }
-        }
-        for (i, a) in shapes.iter().enumerate() {
-            for b in &shapes[i + 1..] {
-                if tangent_point(&graph.pieces[*a].shape, &graph.pieces[*b].shape).is_none() {
-                    continue;
-                }
-                let [first, second] = [values.circles[*a], values.circles[*b]];
-                if let (Some(circle), None) | (None, Some(circle)) = (first, second) {
-                    let line = if first.is_none() { *a } else { *b };
-                    all.extend(tangency(graph, values, own, circle, line));
-                }
-            }
-        }
-    }
-    all
-}
-
-/// That a point is the foot of a circle's centre on a line.
-fn tangency<'a>(
-    graph: &PieceGraph,
-    values: &Values,
-    own: [usize; 2],
-    circle: [usize; 3],
-    line: usize,
-) -> Option<Equation<'a>> {
-    let center = [values.group(circle[0]), values.group(circle[1])];
-    if let Some(axis) = values.axes[line] {
-        // The line runs along the other axis.
-        let (n, c) = (own[1 - axis], center[1 - axis]);
-        return (n != c)
-            .then(|| -> Equation<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
-    }
-    let [Some(a), Some(b)] = graph.pieces[line].nodes else { return None };
-    let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-    Some(Box::new(move |x| {
-        let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-        let length = d[0].hypot(d[1]).max(1e-9);
-        let e = [x[own[0]] - x[center[0]], x[own[1]] - x[center[1]]];
-        let u = d.map(|c| c / length);
-        let residual = e[0] * u[0] + e[1] * u[1];
-        // The direction of the line depends on its ends.
-        let slope = |k: usize| (e[k] - residual * u[k]) / length;
-        let mut slopes: Vec<(usize, f64)> = Vec::with_capacity(8);
-        for k in 0..2 {
-            slopes.extend([(own[k], u[k]), (center[k], -u[k]), (q[k], slope(k)), (p[k], -slope(k))]);
-        }
-        (residual, slopes)
-    }))
-}
-
-/// Distance of a point from the line through two others.
-fn on_line(x: &[f64], own: [usize; 2], p: [usize; 2], q: [usize; 2]) -> (f64, Vec<(usize, f64)>) {
-    let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-    let e = [x[own[0]] - x[p[0]], x[own[1]] - x[p[1]]];
-    let length = d[0].hypot(d[1]).max(1e-9);
-    let residual = (d[0] * e[1] - d[1] * e[0]) / length;
-    let n = [-d[1] / length, d[0] / length];
-    // How far along the line the point is.
-    let share = (d[0] * e[0] + d[1] * e[1]) / (length * length);
-    let mut slopes = Vec::with_capacity(6);
-    for k in 0..2 {
-        slopes.extend([(own[k], n[k]), (p[k], -(1.0 - share) * n[k]), (q[k], -share * n[k])]);
-    }
-    (residual, slopes)
 }

@@ -20,7 +20,7 @@ pub(super) type Equation<'a> = Box<dyn Fn(&[f64]) -> (f64, Vec<(usize, f64)>) + 
 pub(super) fn solved(
     start: &[f64],
     sigmas: &[f64],
-    equations: &[Equation<'_>],
+    equations: &[&Equation<'_>],
 ) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, m) = (start.len(), equations.len());
     if m > MAX_EQUATIONS {
@@ -64,13 +64,15 @@ mod tests {
             let length = x[0].hypot(x[1]);
             (length - x[2], vec![(0, x[0] / length), (1, x[1] / length), (2, -1.0)])
         };
-        let equations: Vec<Equation<'_>> = vec![Box::new(on_circle), Box::new(on_circle)];
-        let (found, _) = solved(&[3.0, 4.0, 6.0], &[0.1, 0.1, 1.0], &equations).unwrap();
+        let on_circle: Equation<'_> = Box::new(on_circle);
+        let twice = [&on_circle, &on_circle];
+        let (found, _) = solved(&[3.0, 4.0, 6.0], &[0.1, 0.1, 1.0], &twice).unwrap();
         assert!((found[0].hypot(found[1]) - found[2]).abs() < 1e-8, "{found:?}");
         assert!((found[2] - 5.0).abs() < 0.05, "{found:?}");
         let contradiction: Vec<Equation<'_>> =
             vec![Box::new(|x| (x[0] - 1.0, vec![(0, 1.0)])), Box::new(|x| (x[0] - 2.0, vec![(0, 1.0)]))];
-        let (_, residuals) = solved(&[1.0], &[1.0], &contradiction).unwrap();
+        let both: Vec<&Equation<'_>> = contradiction.iter().collect();
+        let (_, residuals) = solved(&[1.0], &[1.0], &both).unwrap();
         assert!(residuals.iter().all(|r| (r - 0.5).abs() < 1e-3), "{residuals:?}");
     }
 }

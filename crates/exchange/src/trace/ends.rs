@@ -109,6 +109,18 @@ impl Piece {
         (!self.is_closed && self.nodes[nearest].is_none() && off(nearest) <= reach).then_some(nearest)
     }
 
+    /// A point between two ends of the piece: of an arc, one on the side with most points.
+    pub(super) fn inner_point(&self, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+        let middle = |points: &[[f64; 2]]| points.get(points.len() / 2).copied().unwrap_or(self.ends[0]);
+        let Shape::Circle(center, _) = self.shape else { return middle(&self.points) };
+        let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+        let turn = |p: [f64; 2]| (angle(p) - angle(from)).rem_euclid(std::f64::consts::TAU);
+        let sweep = turn(to);
+        let (inside, outside): (Vec<[f64; 2]>, Vec<[f64; 2]>) =
+            self.points.iter().copied().partition(|p| turn(*p) <= sweep);
+        middle(if inside.len() >= outside.len() { &inside } else { &outside })
+    }
+
     /// The curve between the places where its pixels end.
     pub(super) fn raw_curve(&self) -> Curve2 {
         match self.shape {
@@ -116,7 +128,7 @@ impl Piece {
                 Curve2::Arc { center, radius, start: 0.0, sweep: std::f64::consts::TAU }
             }
             _ => {
-                let middle = self.points.get(self.points.len() / 2).copied().unwrap_or(self.ends[0]);
+                let middle = self.inner_point(self.ends[0], self.ends[1]);
                 self.shape.between(self.ends[0], middle, self.ends[1])
             }
         }

@@ -1,7 +1,7 @@
 //! Joins pieces of one line or circle: at junctions, and over the gaps between dashes.
 
 use super::moments::{Fit, Moments, Shape};
-use super::pieces::{LineScale, PATH_SIGMA, Piece, PieceGraph};
+use super::pieces::{LineScale, MAX_RADIUS, PATH_SIGMA, Piece, PieceGraph};
 use planish_solid::views::{Curve2, distance};
 use std::f64::consts::{PI, TAU};
 
@@ -18,6 +18,10 @@ const MAX_GAP: [f64; 2] = [9.0, 14.0];
 /// Maximum ratio of gaps of a line, and pixels by which they may differ in addition.
 const GAP_RATIO: f64 = 1.5;
 const GAP_SLACK: f64 = 2.0;
+/// Number of dashes that a crossing line may join to one.
+const MAX_DASHES: f64 = 2.2;
+/// Maximum length of a dash between two other lines, in usual dashes.
+const MAX_LONE_DASH: f64 = 1.3;
 /// Largest part of a dashed circle that may be missing, in gaps.
 const CLOSING_GAPS: f64 = 2.2;
 
@@ -31,14 +35,16 @@ pub(super) fn max_gap(scale: LineScale) -> f64 {
 
 impl PieceGraph {
     /// Joins pieces that continue each other at junctions.
-    pub(super) fn join_at_nodes(&mut self) {
+    pub(super) fn join_at_nodes(&mut self, scale: LineScale) {
+        let dash = MAX_LONE_DASH * self.usual_dash(scale);
         for node in 0..self.nodes.len() {
             loop {
                 let ends = self.ends_at(node);
                 let mut best: Option<(f64, [PieceEnd; 2], Fit)> = None;
                 for (k, a) in ends.iter().enumerate() {
                     for b in &ends[k + 1..] {
-                        if let Some((cost, fit)) = self.continues(*a, *b)
+                        if !self.is_line_with_dash(a.0, b.0, dash)
+                            && let Some((cost, fit)) = self.continues(*a, *b)
                             && best.as_ref().is_none_or(|best| cost < best.0)
                         {
                             best = Some((cost, [*a, *b], fit));
@@ -52,6 +58,16 @@ impl PieceGraph {
         for k in 0..self.pieces.len() {
             self.join_over(k);
         }
+    }
+
+    /// Whether one piece may be a dash, and the other a visible line that ends at a hidden one.
+    fn is_line_with_dash(&self, a: usize, b: usize, dash: f64) -> bool {
+        let [first, second] = [a, b].map(|k| {
+            let piece = &self.pieces[k];
+            let is_short = piece.raw_curve().length() <= dash;
+            (piece.nodes.contains(&None) && is_short, !piece.nodes.contains(&None) && !is_short)
+        });
+        a != b && (first.0 && second.1 || second.0 && first.1)
     }
 
     /// Joins the lines at both ends of a short piece if they are one: near junctions, few points of the short
@@ -135,6 +151,7 @@ impl PieceGraph {
 
     /// Joins dashes.
     pub(super) fn join_dashes(&mut self, scale: LineScale) {
+        let dash = self.usual_dash(scale);
         let max_gap = max_gap(scale);
         loop {
             // A gap may begin where a dash meets another line.
@@ -147,7 +164,7 @@ impl PieceGraph {
             let mut found: Vec<(f64, PieceEnd, PieceEnd, Fit)> = Vec::new();
             for (k, a) in free.iter().enumerate() {
                 for b in &free[k + 1..] {
-                    if let Some((gap, fit)) = self.dash_gap(*a, *b, max_gap, scale) {
+                    if let Some((gap, fit)) = self.dash_gap(*a, *b, [dash, max_gap], scale) {
                         found.push((gap, *a, *b, fit));
                     }
                 }
@@ -212,8 +229,27 @@ impl PieceGraph {
     }
 
     /// The gap between two free ends if the pieces are dashes of one curve.
-    fn dash_gap(&self, a: PieceEnd, b: PieceEnd, max_gap: f64, scale: LineScale) -> Option<(f64, Fit)> {
+    ///
+    /// `longest` are the length of a usual dash and the maximum gap.
+    fn dash_gap(
+        &self,
+        a: PieceEnd,
+        b: PieceEnd,
+        [dash, max_gap]: [f64; 2],
+        scale: LineScale,
+    ) -> Option<(f64, Fit)> {
         let (first, second) = (&self.pieces[a.0], &self.pieces[b.0]);
+        // A visible line may go on as a hidden one. The ink of a crossing line joins two dashes.
+        let is_too_long = |p: &&Piece| {
+            // Both ends of a dash are rarely at other lines.
+            let is_closed = !p.nodes.contains(&None);
+            let longest =
+                if is_closed { MAX_LONE_DASH * dash } else { MAX_DASHES * dash + max_gap.min(dash) };
+            p.gaps.is_empty() && p.raw_curve().length() > longest + scale.width
+        };
+        if [first, second].iter().any(is_too_long) {
+            return None;
+        }
         let (p, q) = (first.ends[a.1], second.ends[b.1]);
         // Skeletons end half a width before the dash does.
         let gap = distance(p, q) - scale.width;
@@ -278,7 +314,10 @@ fn joint(first: &Piece, second: &Piece, are_dashes: bool) -> Option<(f64, Fit)> 
     let (line, circle) = match (is_line(first), is_line(second)) {
         (true, true) if !are_dashes => (moments.line(), None),
         (false, false) => (None, moments.circle()),
-        (true, true) => (moments.line(), moments.circle()),
+        (true, true) => {
+            let is_round = |fit: &Fit| matches!(fit.shape, Shape::Circle(_, r) if r <= MAX_RADIUS);
+            (moments.line(), moments.circle().filter(is_round))
+        }
         // A short end of an arc looks straight, and a short end of a line curved. So do dashes.
         (first_is_line, _) => match (first.moments.n >= second.moments.n) == first_is_line {
             true => (moments.line(), None),

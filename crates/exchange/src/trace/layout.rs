@@ -18,8 +18,12 @@ pub(super) struct Layout {
     pub(super) is_third: bool,
 }
 
-/// The layout of groups of curves; none if their sizes are not those of views of one part.
-pub(super) fn layout_of(extents: &[Extent]) -> Option<Layout> {
+/// Value of a title that states the kind of a view: more than alignment, less than another view.
+const TITLE_VALUE: f64 = 200.0;
+
+/// The layout of groups of curves, with the kinds that titles state; none if their sizes are not those of
+/// views of one part.
+pub(super) fn layout_of(extents: &[Extent], titles: &[Option<ViewKind>]) -> Option<Layout> {
     let size = |g: usize, k: usize| extents[g][k][1] - extents[g][k][0];
     let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_SIZE[0].max(SAME_SIZE[1] * a.max(b));
     let largest = (0..extents.len()).map(|g| size(g, 0).max(size(g, 1))).fold(0.0, f64::max);
@@ -54,8 +58,16 @@ pub(super) fn layout_of(extents: &[Extent]) -> Option<Layout> {
                 let is_third = !is_aligned || top.is_none_or(is_above);
                 let is_side = !is_aligned || side.is_none_or(|s| is_right(s) == is_third);
                 let views = 1 + usize::from(top.is_some()) + usize::from(side.is_some());
-                // More views first, then aligned ones, then those that agree best.
-                let value = 1000.0 * views as f64 + if is_aligned { 100.0 } else { 0.0 } - off;
+                let states = |g: Option<usize>, kind: ViewKind| {
+                    let title = g.and_then(|g| titles.get(g).copied().flatten());
+                    title.is_some_and(|t| t.axes() == kind.axes())
+                };
+                let named = [(Some(front), ViewKind::Front), (top, ViewKind::Top), (side, ViewKind::Side)];
+                let named = named.into_iter().filter(|(g, kind)| states(*g, *kind)).count();
+                // More views first, then those that titles name, aligned ones, and those that agree best.
+                let value =
+                    1000.0 * views as f64 + TITLE_VALUE * named as f64 + if is_aligned { 100.0 } else { 0.0 }
+                        - off;
                 if best.as_ref().is_none_or(|b| value > b.0) {
                     let mut kinds = vec![None; extents.len()];
                     kinds[front] = Some(ViewKind::Front);
@@ -109,7 +121,7 @@ mod tests {
             extent(40.0, 400.0, 200.0, 80.0),
             extent(60.0, 70.0, 200.0, 120.0),
         ];
-        let layout = layout_of(&groups).unwrap();
+        let layout = layout_of(&groups, &[]).unwrap();
         assert_eq!(layout.kinds, [Some(ViewKind::Side), Some(ViewKind::Front), Some(ViewKind::Top)]);
         assert!(!layout.is_aligned);
         let corners = corners(&layout, &groups);
@@ -117,12 +129,28 @@ mod tests {
     }
 
     #[test]
+    fn titles_decide_between_views_of_equal_sizes() {
+        // Width and depth are equal: the views in the row may be front and side, or side and front.
+        let groups = [
+            extent(500.0, 33.0, 120.0, 80.0),
+            extent(40.0, 400.0, 120.0, 80.0),
+            extent(60.0, 70.0, 120.0, 120.0),
+        ];
+        for (titles, front) in
+            [([Some(ViewKind::Front), None, None], 0), ([Some(ViewKind::Side), None, None], 1)]
+        {
+            let layout = layout_of(&groups, &titles).unwrap();
+            assert_eq!(layout.kinds[front], Some(ViewKind::Front), "{layout:?}");
+        }
+    }
+
+    #[test]
     fn aligned_views_keep_their_convention() {
         // First angle: the top view is below the front view.
         let groups = [extent(0.0, 200.0, 200.0, 80.0), extent(0.0, 0.0, 200.0, 120.0)];
-        let layout = layout_of(&groups).unwrap();
+        let layout = layout_of(&groups, &[]).unwrap();
         assert_eq!(layout.kinds, [Some(ViewKind::Front), Some(ViewKind::Top)]);
         assert!(layout.is_aligned && !layout.is_third);
-        assert_eq!(layout_of(&[extent(0.0, 0.0, 50.0, 40.0), extent(100.0, 0.0, 90.0, 77.0)]), None);
+        assert_eq!(layout_of(&[extent(0.0, 0.0, 50.0, 40.0), extent(100.0, 0.0, 90.0, 77.0)], &[]), None);
     }
 }

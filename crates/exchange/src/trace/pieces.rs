@@ -13,6 +13,12 @@ use super::skeleton::{PixelGraph, PixelPath};
 const PRICE: [f64; 2] = [30.0, 40.0];
 /// σ of points for the division of paths, in pixels: errors of neighbouring pixels are correlated.
 pub(super) const PATH_SIGMA: f64 = 0.35;
+/// Maximum radius of an arc, in pixels.
+pub(super) const MAX_RADIUS: f64 = 1500.0;
+/// σ of points near the ends of pieces, in pixels, and their maximum cost. Without it, small chamfers would
+/// be ends of the lines beside them.
+const END_SIGMA: f64 = 0.7;
+const MAX_END_COST: f64 = 20.0;
 /// Minimum number of points of an arc: near junctions, a few points are off by a pixel.
 const MIN_ARC_POINTS: f64 = 9.0;
 /// Price of a whole circle of a closed path, which has no ends.
@@ -229,7 +235,7 @@ fn begin_at_straight(pixels: &mut [[i32; 2]]) {
 }
 
 /// The pixels of a path, moved across it into the middle of the ink.
-fn centred(path: &PixelPath, ink: &Ink, width: f64) -> Vec<[f64; 2]> {
+pub(super) fn centred(path: &PixelPath, ink: &Ink, width: f64) -> Vec<[f64; 2]> {
     let mut raw: Vec<[f64; 2]> = path.pixels.iter().map(|p| p.map(f64::from)).collect();
     let is_closed = path.is_closed();
     if is_closed {
@@ -259,12 +265,17 @@ fn centred(path: &PixelPath, ink: &Ink, width: f64) -> Vec<[f64; 2]> {
 fn middle_of_ink(ink: &Ink, p: [f64; 2], along: [f64; 2], reach: f64) -> f64 {
     let coverage = |t: f64| ink.at([p[0] + t * along[0], p[1] + t * along[1]]);
     let count = (reach / STEP) as i32;
-    let own = coverage(0.0);
-    let (mut sum, mut first) = (own, 0.0);
+    // Pixels of the skeleton may be in the fainter row of a line.
+    let peaks = (-4..=4).map(|k| STEP * f64::from(k)).map(|t| (coverage(t), t));
+    let (own, peak) = peaks.fold((f64::MIN, 0.0), |best: (f64, f64), (c, t)| {
+        let is_higher = c > best.0 + 1e-6 || c > best.0 - 1e-6 && t.abs() < best.1.abs();
+        if is_higher { (c, t) } else { best }
+    });
+    let (mut sum, mut first) = (own, own * peak);
     for side in [1.0, -1.0] {
         let mut least = own;
         for k in 1..=count {
-            let t = side * STEP * f64::from(k);
+            let t = peak + side * STEP * f64::from(k);
             let c = coverage(t);
             // Beyond the edge of the line, or at another line.
             if c < 0.05 || (least < 0.6 && c > least + 0.05) {
@@ -303,11 +314,21 @@ fn best_fit(sums: &[Moments], (from, to): (usize, usize)) -> Option<(Fit, Moment
     let cost = |fit: &Fit, price: f64| fit.squares / (PATH_SIGMA * PATH_SIGMA) + price;
     let line = moments.line().map(|fit| (fit, cost(&fit, PRICE[0])));
     let circle = match moments.n >= MIN_ARC_POINTS {
-        true => moments.circle().map(|fit| (fit, cost(&fit, PRICE[1]))),
+        true => moments.circle().filter(is_round).map(|fit| (fit, cost(&fit, PRICE[1]))),
         false => None,
     };
     let best = line.into_iter().chain(circle).min_by(|a, b| a.1.total_cmp(&b.1));
     best.map(|(fit, cost)| (fit, moments, cost))
+}
+
+/// Whether a circle is small enough to be distinguished from a line.
+fn is_round(fit: &Fit) -> bool {
+    matches!(fit.shape, Shape::Circle(_, radius) if radius <= MAX_RADIUS)
+}
+
+/// Cost of the points near the ends of a piece, which are less accurate.
+fn end_cost<'a>(fit: &Fit, points: impl Iterator<Item = &'a [f64; 2]>) -> f64 {
+    points.map(|p| (fit.shape.off(*p) / END_SIGMA).powi(2).min(MAX_END_COST)).sum()
 }
 
 /// Places at which a path is divided, from its first to its last point, and the cost.
@@ -325,8 +346,9 @@ fn divided(points: &[[f64; 2]], sums: &[Moments], scale: LineScale) -> (Vec<usiz
                 continue;
             }
             let range = trimmed(cuts[from], cuts[to], scale.width);
-            if let Some((_, _, cost)) = best_fit(sums, range) {
-                let cost = best[from].0 + cost;
+            if let Some((fit, _, cost)) = best_fit(sums, range) {
+                let ends = points[cuts[from]..range.0].iter().chain(&points[range.1..=cuts[to]]);
+                let cost = best[from].0 + cost + end_cost(&fit, ends);
                 if cost < own.0 {
                     own = (cost, from);
                 }

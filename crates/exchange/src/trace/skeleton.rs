@@ -15,6 +15,11 @@ pub(super) struct PixelPath {
 }
 
 impl PixelPath {
+    #[cfg(test)]
+    pub(super) fn new(pixels: Vec<[i32; 2]>) -> Self {
+        Self { pixels, nodes: [None; 2], is_loop: false }
+    }
+
     /// Whether it runs back to its begin without a junction.
     pub(super) fn is_closed(&self) -> bool {
         let (Some(a), Some(b)) = (self.pixels.first(), self.pixels.last()) else { return false };

@@ -104,3 +104,24 @@ fn white_paper_is_refused() {
     let error = trace(&Canvas::new().image).unwrap_err().to_string();
     assert!(error.contains("found none"), "{error}");
 }
+
+/// A line of 1.5 pixels covers one row fully and the next one in part; its middle is the same for a skeleton
+/// in either row.
+#[test]
+fn lines_between_two_rows_have_the_middle_of_their_ink() {
+    let mut canvas = Canvas::new();
+    let values = &mut canvas.image.values;
+    for x in 100..400 {
+        for (row, value) in [(249, 14.0), (250, 112.0)] {
+            values[row * 500 + x] = value;
+        }
+        values[100 * 500 + x] = 0.0;
+    }
+    let ink = Ink::new(&canvas.image).unwrap();
+    for row in [249, 250] {
+        let pixels = (110..390).map(|x| [x, row]).collect();
+        let path = skeleton::PixelPath::new(pixels);
+        let at = pieces::centred(&path, &ink, 1.5)[140];
+        assert!((at[1] - 249.37).abs() < 0.06, "{at:?}");
+    }
+}

@@ -1,28 +1,40 @@
 //! The searches of the readings of a drawing, one after the other.
 
 use super::sheet::{self, ReadDrawing};
-use super::{ReportedEdit, line_of, relaxed, repaired};
+use super::{ReportedEdit, line_of, nearest, relaxed, repaired};
 use planish_core::{Finding, FindingCode, Progress};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
 use planish_solid::views::{Drawing, Solution, Solutions, solve};
+
+/// How accurate a drawing is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Accuracy {
+    /// Coordinates are consistent, because they were estimated or joined.
+    Consistent,
+    /// Coordinates are those of a file, and may be inexact.
+    Drawn,
+    /// Lines were traced in a picture: some may be missing, false, or in the wrong style.
+    Traced,
+}
 
 /// What is tried if no solid explains a drawing as it is: other readings, then edits, which are returned as
 /// well. With `is_repaired`, the solid of the edited drawing is the result.
 pub(super) fn search_further(
     strict: Result<SearchedReading>,
     readings: &[ReadDrawing],
-    is_exact: bool,
+    accuracy: Accuracy,
     is_repaired: bool,
     progress: &dyn Progress,
 ) -> Result<(SearchedReading, Vec<ReportedEdit>)> {
+    let (is_exact, is_traced) = (accuracy == Accuracy::Consistent, accuracy == Accuracy::Traced);
     match &strict {
         // A search that is cut off has many solids; a weaker reading has more.
-        Ok(searched) if searched.is_solved() || !searched.found.complete => {
+        Ok(searched) if searched.is_solved() || !searched.found.complete && !is_traced => {
             return strict.map(|searched| (searched, Vec::new()));
         }
         // A drawing that is too large for the search stays so.
-        Err(error) if error.kind() == ErrorKind::Unsupported => {
+        Err(error) if error.kind() == ErrorKind::Unsupported && !is_traced => {
             return strict.map(|searched| (searched, Vec::new()));
         }
         _ => {}
@@ -31,6 +43,13 @@ pub(super) fn search_further(
     let relaxed = restyled.or_else(|| relaxed::search_relaxed(readings, is_exact, progress));
     if let Some(relaxed) = relaxed {
         return Ok((relaxed, Vec::new()));
+    }
+    // A repair searches each view several times, which takes too long for most pictures.
+    if is_traced
+        && !is_repaired
+        && let Some(nearest) = nearest::nearest(readings, progress)
+    {
+        return Ok((nearest, Vec::new()));
     }
     let Some(repaired) = repaired::repaired(readings, is_exact, progress)? else {
         return strict.map(|searched| (searched, Vec::new()));

@@ -4,10 +4,13 @@ use super::cells::Cells;
 use super::search::{Encoder, MAX_SINGLE_QUERIES};
 use super::sight::{Expected, SightTestPlace, SightTests};
 use batsat::{Lit, SolverInterface, lbool};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// Maximum number of lines of a doubtful view that are left out, one after the other.
 const MAX_LINES_LEFT_OUT: usize = 40;
+
+/// Maximum number of tests that are dropped one by one: each takes a query.
+const MAX_SINGLE_DROPS: usize = 400;
 
 /// Sets of switches that hold together, and tests that contradict others.
 pub(super) type Satisfiable = (Vec<Vec<Lit>>, Vec<(Expected, SightTestPlace)>);
@@ -45,6 +48,49 @@ pub(super) fn satisfiable(
             unexplained.push((sight_test.expected, places[0].clone()));
         }
     }
+}
+
+/// A large set of switches that hold together, and the first place of each other test.
+///
+/// Tests of a contradiction are dropped one by one, those with the fewest places first, and then taken back
+/// where the others allow it. The set is maximal, but not always the largest one.
+pub(super) fn most_satisfiable(
+    sight_tests: &SightTests,
+    encoder: &mut Encoder,
+    mut switches: Vec<(Lit, usize)>,
+) -> Satisfiable {
+    let places = |index: usize| sight_tests.tests[index].1.len();
+    switches.sort_by_key(|&(_, index)| std::cmp::Reverse(places(index)));
+    let mut dropped = Vec::new();
+    loop {
+        let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
+        if encoder.solver.solve_limited(&on) == lbool::TRUE {
+            break;
+        }
+        let core: HashSet<Lit> = encoder.solver.unsat_core().iter().flat_map(|l| [*l, !*l]).collect();
+        let Some(last) = switches.iter().rposition(|s| core.contains(&s.0)) else {
+            return (Vec::new(), Vec::new());
+        };
+        if encoder.is_exhausted() {
+            return (Vec::new(), Vec::new());
+        }
+        match dropped.len() < MAX_SINGLE_DROPS {
+            true => dropped.push(switches.remove(last)),
+            false => switches.retain(|s| !core.contains(&s.0)),
+        }
+    }
+    let mut on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
+    let mut unexplained = Vec::new();
+    dropped.sort_by_key(|&(_, index)| std::cmp::Reverse(places(index)));
+    for (switch, index) in dropped {
+        on.push(switch);
+        if encoder.is_exhausted() || encoder.solver.solve_limited(&on) != lbool::TRUE {
+            on.pop();
+            let (test, places) = &sight_tests.tests[index];
+            unexplained.push((test.expected, places[0].clone()));
+        }
+    }
+    (vec![on], unexplained)
 }
 
 /// Sets of switches that hold together: all, or else all but those of one line of a doubtful view, for each

@@ -5,7 +5,7 @@
 //! the fewest positions first. The lines of these tests are reported as unexplained.
 
 use super::cells::Cells;
-use super::contradictions::{satisfiable, satisfiable_without_a_line};
+use super::contradictions::{most_satisfiable, satisfiable, satisfiable_without_a_line};
 use super::preference::{Preference, Preferences};
 use super::sight::{EdgeSectors, Expected, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
@@ -62,16 +62,27 @@ pub(crate) enum Bodies {
     MayTouch,
 }
 
+/// How many sight tests a solid must meet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Explained {
+    /// All: a solid that leaves lines unexplained has other views than the drawing.
+    All,
+    /// As many as hold together, for drawings with errors. Cells that no test decides are solid.
+    Most,
+}
+
 /// How a drawing is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Conventions {
     pub(crate) smooth_edges: SmoothEdges,
     pub(crate) bodies: Bodies,
+    pub(crate) explained: Explained,
 }
 
 impl Conventions {
     /// Those of drafting, which are tried first.
-    pub(crate) const USUAL: Self = Self { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+    pub(crate) const USUAL: Self =
+        Self { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart, explained: Explained::All };
 }
 
 /// Whether the features of an assignment are equal where their circles are, as far as the drawing allows.
@@ -93,6 +104,8 @@ pub(super) struct Encoder {
     /// A literal that is always true.
     truth: Lit,
     smooth_edges: SmoothEdges,
+    /// The value of a cell that the solver tries first.
+    first_value: lbool,
     /// For each cell, whether its state is [`CellState::Second`]; `None` if there is no such state.
     seconds: Option<BTreeMap<u32, Var>>,
     /// Literals that two cells have different states.
@@ -111,6 +124,12 @@ impl Encoder {
             events: HashMap::new(),
             truth,
             smooth_edges: conventions.smooth_edges,
+            // Empty cells first prefer small solids. If tests are dropped, the volume within the outlines is
+            // the better guess.
+            first_value: match conventions.explained {
+                Explained::All => lbool::TRUE,
+                Explained::Most => lbool::FALSE,
+            },
             seconds: (conventions.bodies == Bodies::MayTouch).then(BTreeMap::new),
             differences: HashMap::new(),
         }
@@ -125,9 +144,8 @@ impl Encoder {
         if cell == self.outside {
             return !self.truth;
         }
-        let solver = &mut self.solver;
-        // The initial phase makes the solver try cells as empty first, which prefers small solids.
-        Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(lbool::TRUE, true)), true)
+        let (solver, first) = (&mut self.solver, self.first_value);
+        Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(first, true)), true)
     }
 
     /// The literal that the state of a cell is [`CellState::Second`].
@@ -525,12 +543,13 @@ pub(crate) fn search(
         switches.push((switch, index));
     }
     let is_doubtful = cells.plan.views.iter().any(|view| view.is_doubtful);
-    let (sets, unexplained) = match is_doubtful {
-        true => satisfiable_without_a_line(cells, sight_tests, &mut encoder, &switches),
-        false => satisfiable(sight_tests, &mut encoder, switches),
+    let (sets, unexplained) = match (conventions.explained, is_doubtful) {
+        (Explained::Most, _) => most_satisfiable(sight_tests, &mut encoder, switches),
+        (Explained::All, true) => satisfiable_without_a_line(cells, sight_tests, &mut encoder, &switches),
+        (Explained::All, false) => satisfiable(sight_tests, &mut encoder, switches),
     };
-    // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
-    if !unexplained.is_empty() || sets.is_empty() {
+    // Naming the lines that no solid explains is the answer.
+    if conventions.explained == Explained::All && !unexplained.is_empty() || sets.is_empty() {
         return SearchResult { complete: !encoder.is_exhausted(), unexplained };
     }
     let mut preferred: Vec<Lit> = preferences.undrawn.iter().map(|p| encoder.prefer(p)).collect();
