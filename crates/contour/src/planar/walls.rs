@@ -11,7 +11,9 @@
 //! | merge | two walls become one if that lowers the BIC and they are near each other |
 //! | assign | each reading to its nearest wall within the gate; walls are refitted or dropped by BIC |
 //! | fit | each line by the estimator of [`super::fit()`], without readings near another wall |
+//! | errors | scale of σ, heading, correlated deviations by restricted likelihood: σ of each wall (`errors`) |
 
+mod errors;
 mod line;
 mod runs;
 
@@ -20,6 +22,7 @@ use super::kind::ContourKind;
 use super::likelihood::{MeasuredPoint, Stroke};
 use super::options::{ContourFitOptions, outlier_gate};
 use super::reading::ContourReading;
+pub use errors::WallErrors;
 use line::WallLine;
 use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
@@ -41,8 +44,6 @@ const SPAN_SPACINGS: f64 = 4.0;
 const END_SPACINGS: f64 = 2.5;
 /// Maximum number of rounds of assigning readings; the assignment rarely changes after the fifth.
 const MAX_ROUNDS: usize = 12;
-/// Maximum distance of correlated residuals, in readings: panels and frames are rarely wider.
-const MAX_LAG: usize = 20;
 /// Smallest cost of a reading on no wall, in units of `−2 ln L`. In a region that is hardly larger than its
 /// walls, chance explains readings about as well as a wall, and everything would be an outlier.
 const MIN_OUTLIER_COST: f64 = 6.0;
@@ -70,6 +71,8 @@ pub struct WallMap {
     /// BIC of all readings, comparable with [`ContourFit::bic`] of the same readings. Each wall has four
     /// parameters and each further span two.
     pub bic: f64,
+    /// Errors of the readings beyond those stated, which the covariances of the walls include.
+    pub errors: WallErrors,
 }
 
 /// A point where two walls meet.
@@ -216,8 +219,7 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
             readings.len()
         )));
     }
-    let factor = correlation_factor(&data, &walls);
-    walls.iter_mut().for_each(|wall| wall.fit.covariance *= factor);
+    let errors = errors::apply(&data, &mut walls);
     walls.sort_by_key(|wall| std::cmp::Reverse(wall.members.len()));
     let mut is_on_wall = vec![false; readings.len()];
     for &i in walls.iter().flat_map(|wall| &wall.members) {
@@ -225,40 +227,7 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
     }
     let others = (0..readings.len()).filter(|&i| !is_on_wall[i]).collect();
     let bic = criterion(&data, &walls);
-    Ok(WallMap { walls, others, bic })
-}
-
-/// Factor `1 + 2 Σ ρ_k` by which correlated residuals enlarge the covariance of walls.
-///
-/// `ρ_k` is the correlation of residuals `k` readings apart along a wall, over all walls. It is summed
-/// while it exceeds two of its σ, so that the factor is 1 for independent errors.
-fn correlation_factor(data: &WallReadings<'_>, walls: &[Wall]) -> f64 {
-    let residuals: Vec<Vec<f64>> = (walls.iter())
-        .map(|wall| {
-            let line = WallLine::new(wall.fit.state[0], wall.fit.state[1]);
-            let mut used: Vec<(f64, f64)> =
-                (wall.members.iter().zip(&wall.fit.distances).zip(&wall.fit.used))
-                    .filter(|((_, distance), used)| **used && distance.is_finite())
-                    .map(|((&i, _), _)| (line.along(data.points[i]), data.distance(&line, i)))
-                    .collect();
-            used.sort_by(|a, b| a.0.total_cmp(&b.0));
-            used.into_iter().map(|(_, distance)| distance).collect()
-        })
-        .collect();
-    let all: Vec<f64> = residuals.iter().flatten().copied().collect();
-    let variance = all.iter().map(|r| r * r).sum::<f64>() / all.len().max(1) as f64;
-    let mut factor = 1.0;
-    for lag in 1..=MAX_LAG {
-        let pairs: Vec<f64> =
-            residuals.iter().flat_map(|r| r.iter().zip(r.iter().skip(lag)).map(|(a, b)| a * b)).collect();
-        let n = pairs.len().max(1) as f64;
-        let correlation = pairs.iter().sum::<f64>() / (n * variance.max(f64::MIN_POSITIVE));
-        if correlation * n.sqrt() < 2.0 {
-            break;
-        }
-        factor += 2.0 * correlation;
-    }
-    factor
+    Ok(WallMap { walls, others, bic, errors })
 }
 
 /// Assigns each reading to its nearest wall, refits the walls, and drops those that no longer pay.
