@@ -13,6 +13,7 @@
 //! | fit | each line by the estimator of [`super::fit()`], without readings near another wall |
 //! | errors | scale of σ, heading, correlated deviations by restricted likelihood: σ of each wall (`errors`) |
 
+mod corners;
 mod errors;
 mod line;
 mod runs;
@@ -22,6 +23,7 @@ use super::kind::ContourKind;
 use super::likelihood::{MeasuredPoint, Stroke};
 use super::options::{ContourFitOptions, outlier_gate};
 use super::reading::ContourReading;
+pub use corners::{WallCorner, wall_corners};
 pub use errors::WallErrors;
 use line::WallLine;
 use planish_core::BoundingBox;
@@ -39,9 +41,6 @@ const MIN_WALL_READINGS: [usize; 2] = [4, 5];
 const PARAMETERS: [f64; 2] = [4.0, 6.0];
 /// A space along a wall without readings ends a span if it exceeds this multiple of the spacing beside it.
 const SPAN_SPACINGS: f64 = 4.0;
-/// Walls meet if both end within this many readings of their intersection. Readings near a corner may belong
-/// to the other wall, which takes one.
-const END_SPACINGS: f64 = 2.5;
 /// Maximum number of rounds of assigning readings; the assignment rarely changes after the fifth.
 const MAX_ROUNDS: usize = 12;
 /// Smallest cost of a reading on no wall, in units of `−2 ln L`. In a region that is hardly larger than its
@@ -73,17 +72,6 @@ pub struct WallMap {
     pub bic: f64,
     /// Errors of the readings beyond those stated, which the covariances of the walls include.
     pub errors: WallErrors,
-}
-
-/// A point where two walls meet.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WallCorner {
-    /// Indices of the walls.
-    pub walls: [usize; 2],
-    /// The intersection of their lines.
-    pub position: [f64; 2],
-    /// Its covariance `[xx, xy, yy]`, without the correlation of the two walls.
-    pub covariance: [f64; 3],
 }
 
 /// Readings with what all stages need of them.
@@ -387,48 +375,6 @@ fn criterion(data: &WallReadings<'_>, walls: &[Wall]) -> f64 {
         .sum();
     let parameters = 2.0 * (walls.len() + spans.len()) as f64;
     parameters * (data.points.len().max(2) as f64).ln() - 2.0 * log_likelihood
-}
-
-/// Points where two walls meet: intersections within two readings of a measured end of both.
-///
-/// The covariance is that of the intersection of two independent lines. Walls that share errors of poses are
-/// correlated, which it omits.
-#[must_use]
-pub fn wall_corners(walls: &[Wall]) -> Vec<WallCorner> {
-    let mut corners = Vec::new();
-    for i in 0..walls.len() {
-        for j in i + 1..walls.len() {
-            let lines = [i, j].map(|k| WallLine::new(walls[k].fit.state[0], walls[k].fit.state[1]));
-            let Some(position) = lines[0].intersection(&lines[1]) else { continue };
-            let is_near = |wall: &Wall| {
-                let ends = [wall.spans.first().map(|s| s[0]), wall.spans.last().map(|s| s[1])];
-                (ends.iter().zip(wall.end_spacings)).any(|(end, spacing)| {
-                    end.is_some_and(|end| {
-                        (end[0] - position[0]).hypot(end[1] - position[1]) <= END_SPACINGS * spacing
-                    })
-                })
-            };
-            if !is_near(&walls[i]) || !is_near(&walls[j]) {
-                continue;
-            }
-            // From n₁·p = c₁ and n₂·p = c₂: δp = N⁻¹ r, where row k of r is δc_k + t_k δα_k.
-            let normals = lines.map(|line| line.normal());
-            let cross = normals[0][0] * normals[1][1] - normals[0][1] * normals[1][0];
-            let mut covariance = [0.0; 3];
-            for (k, &index) in [i, j].iter().enumerate() {
-                let t = lines[k].along(position);
-                let c = &walls[index].fit.covariance;
-                let variance = c[(1, 1)] + 2.0 * t * c[(0, 1)] + t * t * c[(0, 0)];
-                let other = normals[1 - k];
-                let column = [other[1] / cross, -other[0] / cross];
-                covariance[0] += variance * column[0] * column[0];
-                covariance[1] += variance * column[0] * column[1];
-                covariance[2] += variance * column[1] * column[1];
-            }
-            corners.push(WallCorner { walls: [i, j], position, covariance });
-        }
-    }
-    corners
 }
 
 #[cfg(test)]

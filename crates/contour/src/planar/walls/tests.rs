@@ -143,18 +143,28 @@ fn corners_are_covered() {
     let truth = [[12.0, 0.0], [12.0, 2.0], [0.0, 0.0], [0.0, 2.0]];
     let (mut inside, mut all, mut missing) = (0_usize, 0_usize, 0_usize);
     for seed in 0..60 {
-        let map = find_walls(
-            &scan([5.0, 0.9], 0.02, 0.03, Noise::Normal, 100 + seed),
-            &ContourFitOptions::default(),
-        )
-        .unwrap();
-        let corners = wall_corners(&map.walls);
+        let readings = scan([5.0, 0.9], 0.02, 0.03, Noise::Normal, 100 + seed);
+        let map = find_walls(&readings, &ContourFitOptions::default()).unwrap();
+        let corners = wall_corners(&map.walls, &readings);
         for corner in truth {
             let away = |p: [f64; 2]| (p[0] - corner[0]).hypot(p[1] - corner[1]);
             // A wall that is measured at a small angle has few readings near its end, so that its corner is
             // not always seen.
             let Some(found) = corners.iter().find(|one| away(one.position) < 0.2) else {
                 missing += 1;
+                println!("{seed} {corner:?}");
+                for w in &map.walls {
+                    println!(
+                        "   {:?} {:?} {} {:?}",
+                        w.spans,
+                        w.end_spacings,
+                        w.members.len(),
+                        [w.members[0], w.members[w.members.len() - 1]]
+                    );
+                }
+                for c in &corners {
+                    println!("   at {:?}", c.position);
+                }
                 continue;
             };
             for (axis, variance) in [(0, found.covariance[0]), (1, found.covariance[2])] {
