@@ -56,8 +56,8 @@ pub struct Wall {
     pub members: Vec<usize>,
     /// Measured parts of the wall, in order along the line: their ends.
     pub spans: Vec<[[f64; 2]; 2]>,
-    /// Distances of the readings at both ends: the wall may continue that far unseen.
-    pub end_spacings: [f64; 2],
+    /// Distances of the readings at both ends of each span: it may continue that far unseen.
+    pub end_spacings: Vec<[f64; 2]>,
 }
 
 /// The walls in a set of readings.
@@ -347,14 +347,22 @@ fn fitted(
         is_used[k] = at.map_or(distances[k].abs() <= data.gate, |at| fit.used[at]);
     }
     (fit.distances, fit.used) = (distances, is_used);
-    let spans = data.spans(&Candidate { line, members: members.clone() });
-    let spans = spans.iter().map(|span| span.map(|t| line.at(t))).collect();
+    let intervals = data.spans(&Candidate { line, members: members.clone() });
+    let spans = intervals.iter().map(|span| span.map(|t| line.at(t))).collect();
     let mut along: Vec<f64> = members.iter().map(|&i| line.along(data.points[i])).collect();
     along.sort_by(f64::total_cmp);
-    // The larger of two steps: readings of several scans may coincide.
-    let step = |k: usize| (along[k + 1] - along[k]).max(along[k + 2] - along[k + 1]);
-    let end_spacings = [step(0), step(along.len() - 3)];
+    let end_spacings = intervals.iter().map(|span| end_spacings(&along, *span)).collect();
     Some(Wall { fit, members, spans, end_spacings })
+}
+
+/// Distances of the readings at both ends of a span. `along` has the places of all readings, in order.
+fn end_spacings(along: &[f64], [from, to]: [f64; 2]) -> [f64; 2] {
+    // Steps outside of the span count if it has less than three readings. The larger of two steps: readings of
+    // several scans may coincide.
+    let first = along.partition_point(|t| *t < from).min(along.len().saturating_sub(3));
+    let last = along.partition_point(|t| *t <= to).max(3);
+    let step = |k: usize| (along[k + 1] - along[k]).max(along[k + 2] - along[k + 1]);
+    [step(first), step(last - 3)]
 }
 
 /// BIC of all readings: each anywhere on the spans of all walls, or an outlier at the gate.

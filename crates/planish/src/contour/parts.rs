@@ -47,8 +47,8 @@ pub(super) struct Part {
     pub(super) choice: Choice,
     /// The measured parts of a wall; none for other contours.
     pub(super) spans: Vec<[[f64; 2]; 2]>,
-    /// Distances of the readings at both ends of a wall.
-    pub(super) end_spacings: [f64; 2],
+    /// Distances of the readings at both ends of each span of a wall.
+    pub(super) end_spacings: Vec<[f64; 2]>,
 }
 
 /// The parts of all readings.
@@ -206,7 +206,7 @@ impl Search<'_> {
                     members,
                     choice: *choice,
                     spans: Vec::new(),
-                    end_spacings: [0.0; 2],
+                    end_spacings: Vec::new(),
                 });
             }
             Object::Walls(map) => {

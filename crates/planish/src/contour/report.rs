@@ -209,7 +209,7 @@ pub(super) fn report(
         // Parts are sorted by size, and there is at least one.
         main: contours[0].clone(),
         levels: relation(parts),
-        corners: corners(parts, read),
+        corners: corners(parts),
         sigma_range: None,
         wall_errors: None,
         readings_on_no_wall: Vec::new(),
@@ -326,17 +326,17 @@ fn sigma_across(part: &Part) -> Option<f64> {
 }
 
 /// The corners of walls of one level.
-fn corners(parts: &[Part], read: &ContourReadings) -> Vec<ReportedCorner> {
+fn corners(parts: &[Part]) -> Vec<ReportedCorner> {
     let is_wall = |i: &usize| !parts[*i].spans.is_empty();
     let indices: Vec<usize> = (0..parts.len()).filter(is_wall).collect();
     let walls: Vec<Wall> = (indices.iter())
         .map(|&i| {
             let Part { members, choice, spans, end_spacings, .. } = &parts[i];
             let (members, spans) = (members.clone(), spans.clone());
-            Wall { fit: choice.fit.clone(), members, spans, end_spacings: *end_spacings }
+            Wall { fit: choice.fit.clone(), members, spans, end_spacings: end_spacings.clone() }
         })
         .collect();
-    let reported = wall_corners(&walls, &read.sightings).into_iter().map(|corner| {
+    let reported = wall_corners(&walls).into_iter().map(|corner| {
         let [xx, xy, yy] = corner.covariance;
         ReportedCorner {
             contours: corner.walls.map(|k| indices[k]),

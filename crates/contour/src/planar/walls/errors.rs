@@ -85,11 +85,14 @@ pub(super) fn apply(data: &WallReadings<'_>, walls: &mut [Wall]) -> WallErrors {
     let mut grid: Vec<(Hypothesis, f64, f64)> = Vec::new();
     for heading in HEADING_SIGMAS {
         let none = Hypothesis { heading, form: 0.0, length: lengths[0] };
-        // Independent errors have the same weight as all lengths of one share together.
-        grid.push((none, (lengths.len() as f64).ln(), 0.0));
+        // The absence of each error has the same weight as all its values together.
+        let others = (HEADING_SIGMAS.len() - 1) as f64;
+        let weight = if heading > 0.0 { 0.0 } else { others.ln() };
+        let correlated = (FORM_SHARES.len() * lengths.len()) as f64;
+        grid.push((none, weight + correlated.ln(), 0.0));
         for share in FORM_SHARES {
             for &length in &lengths {
-                grid.push((Hypothesis { heading, form: share * mean, length }, 0.0, 0.0));
+                grid.push((Hypothesis { heading, form: share * mean, length }, weight, 0.0));
             }
         }
     }

@@ -140,31 +140,20 @@ fn a_wall_behind_a_door_is_one_wall_with_two_spans() {
 
 #[test]
 fn corners_are_covered() {
-    let truth = [[12.0, 0.0], [12.0, 2.0], [0.0, 0.0], [0.0, 2.0]];
-    let (mut inside, mut all, mut missing) = (0_usize, 0_usize, 0_usize);
+    // Four of the corridor, and both of the niche that the sensor sees.
+    let truth = [[12.0, 0.0], [12.0, 2.0], [0.0, 0.0], [0.0, 2.0], [9.0, 2.0], [9.0, 2.6]];
+    let (mut inside, mut all, mut missing, mut extra) = (0_usize, 0_usize, 0_usize, 0_usize);
     for seed in 0..60 {
         let readings = scan([5.0, 0.9], 0.02, 0.03, Noise::Normal, 100 + seed);
         let map = find_walls(&readings, &ContourFitOptions::default()).unwrap();
-        let corners = wall_corners(&map.walls, &readings);
+        let corners = wall_corners(&map.walls);
+        let is_true = |p: [f64; 2]| truth.iter().any(|c| (p[0] - c[0]).hypot(p[1] - c[1]) < 0.2);
+        extra += corners.iter().filter(|one| !is_true(one.position)).count();
         for corner in truth {
             let away = |p: [f64; 2]| (p[0] - corner[0]).hypot(p[1] - corner[1]);
-            // A wall that is measured at a small angle has few readings near its end, so that its corner is
-            // not always seen.
+            // Clutter may hide the last readings of a wall that is seen at a small angle.
             let Some(found) = corners.iter().find(|one| away(one.position) < 0.2) else {
                 missing += 1;
-                println!("{seed} {corner:?}");
-                for w in &map.walls {
-                    println!(
-                        "   {:?} {:?} {} {:?}",
-                        w.spans,
-                        w.end_spacings,
-                        w.members.len(),
-                        [w.members[0], w.members[w.members.len() - 1]]
-                    );
-                }
-                for c in &corners {
-                    println!("   at {:?}", c.position);
-                }
                 continue;
             };
             for (axis, variance) in [(0, found.covariance[0]), (1, found.covariance[2])] {
@@ -174,8 +163,8 @@ fn corners_are_covered() {
         }
     }
     let share = inside as f64 / all as f64;
-    println!("corners: coverage {share:.3} of {all}, {missing} of 240 corners missing");
-    assert!(missing < 150, "{missing} corners missing");
+    println!("corners: coverage {share:.3} of {all}, {missing} of 360 corners missing, {extra} others");
+    assert!(missing < 8, "{missing} corners missing");
     assert!((0.92..0.98).contains(&share), "{share}");
 }
 
