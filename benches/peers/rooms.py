@@ -2,7 +2,7 @@
 """Walls in scans of real logs (CARMEN): readings on walls, and walls of repeated scans compared.
 
 For each log: the share of readings that `planish contour` uses in scans spread over the log and in those that
-follow, and, for these pairs, the share of walls whose two positions differ by less than 1.96 σ of their difference.
+follow (`--kind walls`), and, for these pairs, the share of walls whose two positions differ by less than 1.96 σ of their difference.
 The robot moves between scans, and its pose has errors: one displacement and rotation of each pair is estimated from
 its walls, and differences are divided by the σ that this leaves. Walls are compared in the middle of the part that
 both scans measured, if that is half of each. Pairs with less than five such walls have no redundancy to speak of.
@@ -36,16 +36,14 @@ def scans(path):
 
 def contours(path, scan):
     """The JSON object of one scan."""
-    done = subprocess.run([PROGRAM, "contour", path, "--scan", str(scan), "--json", "--threads", "1"],
+    done = subprocess.run([PROGRAM, "contour", path, "--kind", "walls", "--scan", str(scan), "--json", "--threads", "1"],
                           capture_output=True, text=True, timeout=300, check=False)
     return json.loads(done.stdout) if done.returncode == 0 else None
 
 
 def used(report):
-    """Readings that a contour uses, walls alone, and the number of all."""
-    walls = sum(c["readings"] - c["rejected"] for c in report["contours"] if c.get("spans"))
-    every = sum(c["readings"] - c["rejected"] for c in report["contours"])
-    return walls, every
+    """Readings on walls."""
+    return sum(c["readings"] - c["rejected"] for c in report["contours"] if c.get("spans"))
 
 
 def total(path, scan):
@@ -118,15 +116,14 @@ def main():
     for path in sys.argv[3:]:
         poses = scans(path)
         picked = [int((k + 0.5) * (len(poses) - 1) / count) for k in range(count)]
-        walls = every = readings = corners = 0
+        walls = readings = corners = 0
         sigmas, z, deviations = [], [], []
         for first in picked:
             both = contours(path, first), contours(path, first + 1)
             for scan, report in zip((first, first + 1), both):
                 readings += total(path, scan)
                 if report:
-                    own = used(report)
-                    walls, every = walls + own[0], every + own[1]
+                    walls += used(report)
                     corners += len(report.get("corners", []))
                     sigmas.append(report.get("sigma_range") or math.nan)
                     deviations.append(report.get("wall_errors", {}).get("deviation", math.nan))
@@ -134,7 +131,7 @@ def main():
                 z += compared(offsets(both[0]), offsets(both[1]))
         inside = sum(abs(v) < 1.96 for v in z) / len(z) if z else math.nan
         print(f"{path.split('/')[-1]:28} scans {2 * count} on walls {walls / readings:.3f} "
-              f"on any contour {every / readings:.3f} corners {corners} median sigma {np.nanmedian(sigmas):.4f} "
+              f"corners {corners} median sigma {np.nanmedian(sigmas):.4f} "
               f"deviation {np.nanmedian(deviations):.4f} walls compared {len(z)} within 1.96 sigma {inside:.3f} "
               f"(± {math.sqrt(inside * (1 - inside) / max(len(z), 1)):.3f}) rms "
               f"{math.sqrt(sum(v * v for v in z) / max(len(z), 1)):.2f}", flush=True)

@@ -72,7 +72,7 @@ fn walls_text(lines: &mut Lines, report: &ContourReport, walls: &[usize]) {
     }
     if let Some(errors) = report.wall_errors.filter(|errors| errors.deviation > 0.0) {
         lines.line(format!(
-            "σ of the deviation from straight walls that neighbouring readings share: {} (correlated over {}).",
+            "σ of the deviation from straight walls that neighbours share: {} (correlated over {}).",
             significant(errors.deviation, 2),
             significant(errors.correlation_length, 2)
         ));

@@ -22,13 +22,13 @@ use super::fit::{ContourFit, fit};
 use super::kind::ContourKind;
 use super::likelihood::{MeasuredPoint, Stroke};
 use super::options::{ContourFitOptions, outlier_gate};
-use super::reading::ContourReading;
+use super::reading::{ContourReading, ContourTarget};
 pub use corners::{WallCorner, wall_corners};
 pub use errors::WallErrors;
 use line::WallLine;
 use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
-use std::f64::consts::TAU;
+use std::f64::consts::{SQRT_2, TAU};
 
 /// Minimum number of readings of a wall in scans, whose order is known, and among readings without an order.
 ///
@@ -103,11 +103,16 @@ impl<'a> WallReadings<'a> {
         let [width, height] = bounds.extent();
         let n = readings.len().max(1) as f64;
         let sigma = (covariances.iter().map(|c| 0.5 * (c[0] + c[2])).sum::<f64>() / n).sqrt();
-        // A reading on no wall lies anywhere in the bounding box; one on a wall within σ of walls about as
-        // long as the perimeter of the box.
-        let ratio = width * height / (TAU.sqrt() * sigma * 2.0 * (width + height)).max(f64::MIN_POSITIVE);
-        let outlier_cost = (2.0 * ratio.max(1.0).ln()).clamp(MIN_OUTLIER_COST, gate * gate);
         let is_unordered = usize::from(!runs::scans(readings).1.is_empty());
+        let ratio = match is_unordered {
+            // The direction of a ray is given, so only the range counts: it is anywhere up to the longest, or
+            // within σ of the wall.
+            0 => longest_range(readings) / (TAU.sqrt() * SQRT_2 * sigma).max(f64::MIN_POSITIVE),
+            // A reading on no wall lies anywhere in the bounding box; one on a wall within σ of walls about as
+            // long as the perimeter of the box.
+            _ => width * height / (TAU.sqrt() * sigma * 2.0 * (width + height)).max(f64::MIN_POSITIVE),
+        };
+        let outlier_cost = (2.0 * ratio.max(1.0).ln()).clamp(MIN_OUTLIER_COST, gate * gate);
         let wall_cost = PARAMETERS[is_unordered] * n.max(2.0).ln();
         let min_readings = MIN_WALL_READINGS[is_unordered];
         Self { readings, points, covariances, gate, outlier_cost, wall_cost, min_readings }
@@ -152,10 +157,20 @@ impl<'a> WallReadings<'a> {
     }
 }
 
+/// The longest range of readings that are ranges.
+fn longest_range(readings: &[ContourReading]) -> f64 {
+    let range = |reading: &ContourReading| match reading.target {
+        ContourTarget::Range { range, .. } => range,
+        ContourTarget::Point { .. } => 0.0,
+    };
+    readings.iter().map(range).fold(0.0, f64::max)
+}
+
 /// Finds the walls in readings.
 ///
 /// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `4 ln n` per wall (`6 ln n`
-/// without scans), where a reading on no wall is spread evenly over the bounding box. Lines are then fitted
+/// without scans), where a reading on no wall is spread evenly up to the longest range, or over the bounding
+/// box without scans. Lines are then fitted
 /// as by [`super::fit()`]. Cost: for
 /// `n` readings in scans of `m`, `n m` for the runs and `n` times the number of walls for each round.
 ///
