@@ -11,7 +11,7 @@
 //! | merge | two walls become one if that lowers the BIC and they are near each other |
 //! | assign | each reading to its nearest wall within the gate; walls are refitted or dropped by BIC |
 //! | fit | each line by the estimator of [`super::fit()`], without readings near another wall |
-//! | errors | scale of σ, heading, correlated deviations by restricted likelihood: σ of each wall (`errors`) |
+//! | errors | scale of σ, heading, correlated deviations by restricted likelihood (`errors`) |
 
 mod corners;
 mod errors;
@@ -108,8 +108,8 @@ impl<'a> WallReadings<'a> {
             // The direction of a ray is given, so only the range counts: it is anywhere up to the longest, or
             // within σ of the wall.
             0 => longest_range(readings) / (TAU.sqrt() * SQRT_2 * sigma).max(f64::MIN_POSITIVE),
-            // A reading on no wall lies anywhere in the bounding box; one on a wall within σ of walls about as
-            // long as the perimeter of the box.
+            // A reading on no wall lies anywhere in the bounding box; one on a wall within σ of walls about
+            // as long as the perimeter of the box.
             _ => width * height / (TAU.sqrt() * sigma * 2.0 * (width + height)).max(f64::MIN_POSITIVE),
         };
         let outlier_cost = (2.0 * ratio.max(1.0).ln()).clamp(MIN_OUTLIER_COST, gate * gate);
@@ -372,8 +372,8 @@ fn fitted(
 
 /// Distances of the readings at both ends of a span. `along` has the places of all readings, in order.
 fn end_spacings(along: &[f64], [from, to]: [f64; 2]) -> [f64; 2] {
-    // Steps outside of the span count if it has less than three readings. The larger of two steps: readings of
-    // several scans may coincide.
+    // Steps outside of the span count if it has less than three readings. The larger of two steps: readings
+    // of several scans may coincide.
     let first = along.partition_point(|t| *t < from).min(along.len().saturating_sub(3));
     let last = along.partition_point(|t| *t <= to).max(3);
     let step = |k: usize| (along[k + 1] - along[k]).max(along[k + 2] - along[k + 1]);
