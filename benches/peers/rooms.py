@@ -4,7 +4,8 @@
 For each log: the share of readings that `planish contour` uses in scans spread over the log and in those that
 follow (`--kind walls`), and, for these pairs, the share of walls whose two positions differ by less than 1.96 σ of their difference.
 The robot moves between scans, and its pose has errors: one displacement and rotation of each pair is estimated from
-its walls, and differences are divided by the σ that this leaves. Walls are compared in the middle of the part that
+its walls with Huber's weights, so that a door or a chair that moved does not displace all others, and differences are
+divided by the σ that this leaves. Walls are compared in the middle of the part that
 both scans measured, if that is half of each. Pairs with less than five such walls have no redundancy to speak of.
 
     rooms.py PLANISH SCANS LOG.gz ...
@@ -101,13 +102,19 @@ def compared(first, second):
         variances.append(own + its)
     if len(rows) < 5:
         return []
-    # Weighted least squares for the displacement; the leverage of a wall reduces the variance of its residual.
     sigma = np.sqrt(variances)
     design = np.array(rows) / sigma[:, None]
     wanted = np.array(differences) / sigma
-    q, _ = np.linalg.qr(design)
-    residuals = wanted - q @ (q.T @ wanted)
-    left = 1 - (q * q).sum(axis=1)
+    weights = np.ones(len(wanted))
+    for _ in range(30):
+        root = np.sqrt(weights)
+        move = np.linalg.lstsq(design * root[:, None], wanted * root, rcond=None)[0]
+        residuals = wanted - design @ move
+        weights = np.minimum(1, 1.345 / np.maximum(np.abs(residuals), 1e-9))
+    # The estimated displacement changes the variance of each residual.
+    gain = np.linalg.inv(design.T @ (design * weights[:, None])) @ (design.T * weights)
+    left = np.eye(len(wanted)) - design @ gain
+    left = (left * left).sum(axis=1)
     return [float(r / math.sqrt(v)) for r, v in zip(residuals, left) if v > 0.1]
 
 
