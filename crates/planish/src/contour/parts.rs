@@ -7,8 +7,8 @@
 
 use super::{ContourJob, MIN_READINGS};
 use planish_contour::planar::{
-    Choice, ContourFitOptions, ContourKind, ContourReading, ContourTarget, WallErrors, WallMap, auto_kinds,
-    choose, find_walls, separate, typical_gap,
+    Choice, ContourKind, ContourReading, ContourTarget, WallErrors, WallMap, auto_kinds, choose, find_walls,
+    fit, separate, typical_gap,
 };
 use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_estimate::{Error, Result};
@@ -32,6 +32,8 @@ const SIGMA_TOLERANCE: f64 = 0.05;
 const MIN_SIGMA_SHARE: f64 = 0.1;
 /// Rounds of estimating σ; in the five logs of the benchmark three suffice.
 const SIGMA_ROUNDS: usize = 5;
+/// Smallest number of rejected readings on one line that may be a side: two are always on a line.
+const MIN_SIDE_READINGS: usize = 3;
 /// Number of ranges of indices in a message; the report lists all.
 const MAX_RANGES: usize = 12;
 /// The share of residuals from which σ is computed, and that many σ of a normal distribution on both sides.
@@ -200,6 +202,7 @@ impl Search<'_> {
     fn add(&mut self, level: Option<f64>, members: &[usize], object: Object) {
         match object {
             Object::Contour(choice) => {
+                self.findings.extend(self.missing_side(members, &choice));
                 let members = members.to_vec();
                 self.parts.push(Part {
                     level,
@@ -232,6 +235,34 @@ impl Search<'_> {
                 }));
             }
         }
+    }
+
+    /// A warning if rejected readings lie on one line: the contour may lack a side.
+    ///
+    /// Scattered gross errors are rarely straight within σ. An L-shaped part in a picture lost a short side
+    /// with three of 34 readings without a warning.
+    fn missing_side(&self, members: &[usize], choice: &Choice) -> Option<Finding> {
+        let rejected = members.iter().zip(&choice.fit.used).filter(|(_, used)| !**used);
+        let rejected: Vec<usize> = rejected.map(|(&i, _)| i).collect();
+        if rejected.len() < MIN_SIDE_READINGS {
+            return None;
+        }
+        let gap = self.job.gap.unwrap_or_else(|| typical_gap(&self.sightings(members)));
+        let is_side = |cluster: &Vec<usize>| {
+            let readings: Vec<ContourReading> = cluster.iter().map(|&k| self.readings[rejected[k]]).collect();
+            readings.len() >= MIN_SIDE_READINGS
+                && fit(&ContourKind::Line, &readings, &self.job.fit).is_ok_and(|line| {
+                    line.used.iter().all(|used| *used) && line.reduced_chi_square() < CONSISTENT.end
+                })
+        };
+        let clusters = separate(&self.sightings(&rejected), gap);
+        let count = clusters.iter().filter(|cluster| is_side(cluster)).map(Vec::len).max()?;
+        let text = format!(
+            "{} of {} readings: {count} rejected readings lie on one line, which may be a further side",
+            choice.fit.kind,
+            members.len()
+        );
+        Some(Finding::new(FindingCode::BeyondGate, text).with_setting(Setting::Kind))
     }
 
     /// Walls of all readings, after closed contours of groups that such a contour explains better.
