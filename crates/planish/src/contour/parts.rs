@@ -395,12 +395,45 @@ fn estimate_sigma(sightings: &mut [ContourReading], job: &ContourJob) -> Option<
 
 #[cfg(test)]
 mod tests {
-    use super::ranges_text;
+    use super::super::ContourJob;
+    use super::{Parts, parts_of, ranges_text};
+    use planish_contour::planar::{ContourKind, ContourReading, ContourTarget};
+    use planish_core::{FindingCode, Silent};
+    use planish_exchange::contours::ContourReadings;
 
     #[test]
     fn indices_are_shown_as_ranges() {
         assert_eq!(ranges_text(&[3, 4, 5, 9, 11, 12]), "indices 3-5, 9, 11-12 (from 0)");
         let many: Vec<usize> = (0..40).map(|k| 2 * k).collect();
         assert!(ranges_text(&many).ends_with("22, and 28 more ranges (from 0)"), "{}", ranges_text(&many));
+    }
+
+    /// Codes of the findings about a rectangle of 20 × 10 and six more points.
+    fn findings(extra: [[f64; 2]; 6]) -> Vec<FindingCode> {
+        let side = |k: u32, length: f64| length * (f64::from(k) + 0.5) / 30.0;
+        let outline = (0..30).flat_map(|k| {
+            [[side(k, 20.0), 0.0], [side(k, 20.0), 10.0], [0.0, side(k, 10.0)], [20.0, side(k, 10.0)]]
+        });
+        let sightings = outline.chain(extra).enumerate().map(|(line, position)| {
+            // A pattern without a trend instead of noise.
+            let error = 0.02 * ((7 * line % 5) as f64 - 2.0);
+            let target =
+                ContourTarget::Point { position: [position[0] + error, position[1] - error], sigma: 0.05 };
+            ContourReading { target, pose: None, time_s: 0.0, line }
+        });
+        let mut read = ContourReadings { sightings: sightings.collect(), ..ContourReadings::default() };
+        let job = ContourJob { kinds: vec![ContourKind::Rectangle], ..ContourJob::default() };
+        let mut findings = Vec::new();
+        let Parts { parts, .. } = parts_of(&mut read, &job, &Silent, &mut findings).expect("a rectangle");
+        assert_eq!(parts.len(), 1);
+        findings.iter().map(|finding| finding.code).collect()
+    }
+
+    #[test]
+    fn rejected_readings_on_a_line_are_reported() {
+        let step = [0, 1, 2, 3, 4, 5].map(|k| [8.0 + 0.6 * f64::from(k), 8.5]);
+        assert!(findings(step).contains(&FindingCode::BeyondGate));
+        let scattered = [[3.0, 8.9], [5.1, 2.0], [8.3, 8.1], [11.9, 1.4], [15.2, 8.5], [17.0, 1.1]];
+        assert!(!findings(scattered).contains(&FindingCode::BeyondGate));
     }
 }
