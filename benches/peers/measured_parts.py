@@ -3,48 +3,78 @@
 
 Each run measures a part (L bracket, stepped shaft, plate with a pocket, block with a through hole) with
 random sizes: points on the sections at several levels and on the outline from the front, with noise and
-outliers. `planish contour` and `planish solid` make the solid. Printed are, for each part and noise: the share
-of runs with a solid, the share of sizes and heights within 1.96 σ, the number of undecided heights that hold
-the true one, and the share of STEP files that Open Cascade finds valid and closed, with the right volume.
+outliers. `planish contour` and `planish solid` make the solid. Printed are, for each part and row: the share
+of runs with a solid, the share of sizes and heights within 1.96 σ and the rms of their errors in σ, the number of
+undecided heights that hold the true one, and the share of STEP files that Open Cascade finds valid and closed,
+with the right volume.
 
-    measured_parts.py PLANISH RUNS [PART]
+Rows differ in the distribution of the noise, its σ, the number of points on a loop, the share of gross errors, and
+the places of the points: even, or three times as dense on one half of a loop as on the other.
+
+    measured_parts.py PLANISH RUNS [PART ...] [--row NAME ...] [--seed FIRST]
 """
 
+import argparse
 import json
 import math
 import subprocess
-import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-SIGMA = 0.05
+@dataclass
+class Row:
+    """How the readings of a row are made."""
+
+    name: str
+    noise: str = "normal"
+    gross: float = 0.0
+    points: int = 160
+    sigma: float = 0.05
+    is_even: bool = True
 
 
-def noise(kind, random, n):
-    """Independent errors with the variance of SIGMA², in x and y."""
-    if kind == "normal":
-        return SIGMA * random.standard_normal((n, 2))
-    if kind == "uniform":
-        return SIGMA * math.sqrt(12) * (random.random((n, 2)) - 0.5)
+ROWS = [Row("normal"), Row("uniform", noise="uniform"), Row("heavy", noise="heavy"), Row("gross3", gross=0.03),
+        Row("gross8", gross=0.08), Row("sparse", points=60), Row("dense", points=400), Row("quiet", sigma=0.01),
+        Row("loud", sigma=0.15), Row("uneven", is_even=False)]
+
+
+def noise(row, random, n):
+    """Independent errors with the variance of σ², in x and y."""
+    if row.noise == "normal":
+        return row.sigma * random.standard_normal((n, 2))
+    if row.noise == "uniform":
+        return row.sigma * math.sqrt(12) * (random.random((n, 2)) - 0.5)
     wide = np.where(random.random((n, 1)) < 0.1, 4.0, 1.0)
-    return SIGMA * wide * random.standard_normal((n, 2)) / math.sqrt(2.5)
+    return row.sigma * wide * random.standard_normal((n, 2)) / math.sqrt(2.5)
 
 
-def on_polygon(vertices, n, random):
-    """Points spread evenly over the sides of a polygon."""
+def places(n, is_even, random):
+    """Places along a loop from 0 to 1."""
+    u = random.random(n)
+    if is_even:
+        return u
+    half = np.where(random.random(n) < 0.75, 0.5 * u, 0.5 + 0.5 * u)
+    return half
+
+
+def on_polygon(vertices, along):
+    """Points at places along the sides of a polygon."""
     vertices = np.asarray(vertices, float)
     ends = np.roll(vertices, -1, axis=0)
     length = np.linalg.norm(ends - vertices, axis=1)
-    side = random.choice(len(vertices), n, p=length / length.sum())
-    share = random.random((n, 1))
+    begin = np.concatenate([[0], np.cumsum(length)])
+    at = along * begin[-1]
+    side = np.clip(np.searchsorted(begin, at, side="right") - 1, 0, len(vertices) - 1)
+    share = ((at - begin[side]) / length[side])[:, None]
     return vertices[side] + share * (ends[side] - vertices[side])
 
 
-def on_circle(center, radius, n, random):
-    """Points spread evenly over a circle."""
-    angle = 2 * math.pi * random.random(n)
+def on_circle(center, radius, along):
+    """Points at places along a circle."""
+    angle = 2 * math.pi * along
     return np.column_stack([center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)])
 
 
@@ -81,28 +111,28 @@ def part(name, random):
     return sections, box(0, 0, w, h), [0, h], (w * d - math.pi * r * r) * h
 
 
-def measured(shape, kind, outliers, random):
+def measured(shape, row, random, n=None):
     """Noisy points on a loop, some of them gross errors."""
-    n = 160
-    points = on_circle(shape[1], shape[2], n, random) if shape[0] == "circle" else on_polygon(shape[1], n, random)
-    points = points + noise(kind, random, n)
-    gross = random.random(n) < outliers
+    n = n or row.points
+    along = places(n, row.is_even, random)
+    points = on_circle(shape[1], shape[2], along) if shape[0] == "circle" else on_polygon(shape[1], along)
+    points = points + noise(row, random, n)
+    gross = random.random(n) < row.gross
     points[gross] += random.uniform(-3, 3, (int(gross.sum()), 2))
     return points
 
 
-def simulate(name, kind, outliers, random, folder):
+def simulate(name, row, random, folder):
     """Writes the readings of a part; returns what is true of it."""
     sections, outline, heights, volume = part(name, random)
     lines = ["x,y,level"]
     for levels, loops in sections:
         for level in levels:
             for shape in loops:
-                lines += [f"{x:.5f},{y:.5f},{level}" for x, y in measured(shape, kind, outliers, random)]
+                lines += [f"{x:.5f},{y:.5f},{level}" for x, y in measured(shape, row, random)]
     (folder / "sections.csv").write_text("\n".join(lines) + "\n")
-    points = measured(("box", outline), kind, outliers, random)
     # A long outline gets more points: its steps are short.
-    points = np.vstack([points] + [measured(("box", outline), kind, outliers, random) for _ in range(3)])
+    points = measured(("box", outline), row, random, 4 * row.points)
     (folder / "front.csv").write_text("x,y\n" + "\n".join(f"{x:.5f},{y:.5f}" for x, y in points) + "\n")
     return sections, heights, volume, len(outline)
 
@@ -165,54 +195,70 @@ def closed(path):
     return bool(is_closed), properties.Mass()
 
 
+def share_inside(errors):
+    """Share of errors within 1.96 σ, their number and their rms in σ."""
+    # Coordinates that a relation to the frame fixes exactly have no σ to test.
+    errors = np.array(errors).reshape(-1, 2)
+    errors = errors[errors[:, 1] > 1e-9]
+    if not len(errors):
+        return "-"
+    scaled = errors[:, 0] / errors[:, 1]
+    return f"{np.mean(np.abs(scaled) < 1.96):.3f} of {len(scaled)} (rms {np.sqrt(np.mean(scaled ** 2)):.2f})"
+
+
+def row_of_part(program, name, row, runs, first):
+    """Simulates and judges the runs of a row."""
+    z, high, valid, solved, undecided, holds, problems = [], [], 0, 0, 0, 0, []
+    for seed in range(first, first + runs):
+        random = np.random.default_rng([seed, sum(map(ord, name + row.name))])
+        with tempfile.TemporaryDirectory() as folder:
+            folder = Path(folder)
+            sections, heights, volume, corners = simulate(name, row, random, folder)
+            kinds = ["--kind", "rectangle", "--kind", "circle", "--gap", 10.5 if name == "pocket" else 7]
+            try:
+                run(program, "contour", folder / "sections.csv", "--sigma-point", row.sigma, *kinds,
+                    "-o", folder / "sections.json")
+                run(program, "contour", folder / "front.csv", "--sigma-point", row.sigma,
+                    "--kind", f"polygon-{corners}", "-o", folder / "front.json")
+                report = run(program, "solid", folder / "sections.json", folder / "front.json",
+                             "-o", folder / "part.step")
+            except RuntimeError as problem:
+                problems.append(str(problem)[-160:].replace("\n", " "))
+                continue
+            found = report["stack"]["sections"]
+            if len(found) != len(sections):
+                problems.append(f"{len(found)} sections for {len(sections)}")
+                continue
+            solved += 1
+            for own, (_, loops) in zip(found, sections):
+                z += size_errors(own["contours"], loops)
+            for height, true in zip([found[0]["bottom"]] + [s["top"] for s in found], heights):
+                if "between" in height:
+                    undecided += 1
+                    holds += height["between"][0] <= true <= height["between"][1]
+                else:
+                    high.append((height["value"] - true, height["sigma"]))
+            is_closed, mass = closed(folder / "part.step")
+            valid += is_closed and abs(mass - report["solutions"][0]["volume"]) < 1e-6 * volume
+    print(f"{name:8} {row.name:8} solved {solved}/{runs} sizes {share_inside(z)} heights {share_inside(high)} "
+          f"undecided {undecided} ({holds} hold) valid STEP {valid}/{solved}", flush=True)
+    for problem in sorted(set(problems))[:3]:
+        print("   ", problems.count(problem), problem)
+
+
 def main():
-    program, runs = sys.argv[1], int(sys.argv[2])
-    names = sys.argv[3:] or ["bracket", "shaft", "pocket", "hole"]
-    for name in names:
-        for kind, outliers in [("normal", 0.0), ("uniform", 0.0), ("heavy", 0.0), ("normal", 0.03)]:
-            z, high, valid, solved, undecided, holds, problems = [], [], 0, 0, 0, 0, []
-            for seed in range(runs):
-                random = np.random.default_rng(1000 * seed + sum(map(ord, name + kind)) + int(100 * outliers))
-                with tempfile.TemporaryDirectory() as folder:
-                    folder = Path(folder)
-                    sections, heights, volume, corners = simulate(name, kind, outliers, random, folder)
-                    kinds = ["--kind", "rectangle", "--kind", "circle", "--gap", 10.5 if name == "pocket" else 7]
-                    try:
-                        run(program, "contour", folder / "sections.csv", "--sigma-point", SIGMA, *kinds,
-                            "-o", folder / "sections.json")
-                        run(program, "contour", folder / "front.csv", "--sigma-point", SIGMA,
-                            "--kind", f"polygon-{corners}", "-o", folder / "front.json")
-                        report = run(program, "solid", folder / "sections.json", folder / "front.json",
-                                     "-o", folder / "part.step")
-                    except RuntimeError as problem:
-                        problems.append(str(problem)[:160].replace("\n", " "))
-                        continue
-                    found = report["stack"]["sections"]
-                    if len(found) != len(sections):
-                        problems.append(f"{len(found)} sections for {len(sections)}")
-                        continue
-                    solved += 1
-                    for own, (_, loops) in zip(found, sections):
-                        z += size_errors(own["contours"], loops)
-                    for height, true in zip([found[0]["bottom"]] + [s["top"] for s in found], heights):
-                        if "between" in height:
-                            undecided += 1
-                            holds += height["between"][0] <= true <= height["between"][1]
-                        else:
-                            high.append((height["value"] - true, height["sigma"]))
-                    is_closed, mass = closed(folder / "part.step")
-                    valid += is_closed and abs(mass - report["solutions"][0]["volume"]) < 1e-6 * volume
-            # Coordinates that a relation to the frame fixes exactly have no σ to test.
-            shares = []
-            for errors in (z, high):
-                errors = np.array(errors).reshape(-1, 2)
-                errors = errors[errors[:, 1] > 1e-9]
-                inside = np.mean(np.abs(errors[:, 0]) < 1.96 * errors[:, 1]) if len(errors) else math.nan
-                shares.append(f"{inside:.3f} of {len(errors)}")
-            print(f"{name:8} {kind:8} {outliers:4.2f} solved {solved}/{runs} sizes {shares[0]} heights {shares[1]} "
-                  f"undecided {undecided} ({holds} hold) valid STEP {valid}/{solved}", flush=True)
-            for problem in sorted(set(problems))[:3]:
-                print("   ", problems.count(problem), problem)
+    """Reads the command line and prints the rows."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("program")
+    parser.add_argument("runs", type=int)
+    parser.add_argument("parts", nargs="*", default=[])
+    parser.add_argument("--row", action="append", choices=[row.name for row in ROWS])
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    for name in options.parts or ["bracket", "shaft", "pocket", "hole"]:
+        for row in ROWS:
+            if not options.row or row.name in options.row:
+                row_of_part(options.program, name, row, options.runs, options.seed)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Walls in scans of real logs (CARMEN): readings on walls, and walls of repeated scans compared.
 
-For each log: the share of readings that `planish contour` uses in scans spread over the log, and, for pairs of
-successive scans, the share of walls whose two positions differ by less than 1.96 σ of their difference. The robot
-moves between scans, and its pose has errors: one displacement and rotation of each pair is estimated from its walls,
-and differences are divided by the σ that this leaves.
+For each log: the share of readings that `planish contour` uses in scans spread over the log and in those that
+follow (`--kind walls`), and, for these pairs, the share of walls whose two positions differ by less than 1.96 σ of their difference.
+The robot moves between scans, and its pose has errors: one displacement and rotation of each pair is estimated from
+its walls with Huber's weights, so that a door or a chair that moved does not displace all others, and differences are
+divided by the σ that this leaves. Walls are compared in the middle of the part that
+both scans measured, if that is half of each. Pairs with less than five such walls have no redundancy to speak of.
 
     rooms.py PLANISH SCANS LOG.gz ...
 """
@@ -35,16 +37,14 @@ def scans(path):
 
 def contours(path, scan):
     """The JSON object of one scan."""
-    done = subprocess.run([PROGRAM, "contour", path, "--scan", str(scan), "--json", "--threads", "1"],
+    done = subprocess.run([PROGRAM, "contour", path, "--kind", "walls", "--scan", str(scan), "--json", "--threads", "1"],
                           capture_output=True, text=True, timeout=300, check=False)
     return json.loads(done.stdout) if done.returncode == 0 else None
 
 
 def used(report):
-    """Readings that a contour uses, walls alone, and the number of all."""
-    walls = sum(c["readings"] - c["rejected"] for c in report["contours"] if c.get("spans"))
-    every = sum(c["readings"] - c["rejected"] for c in report["contours"])
-    return walls, every
+    """Readings on walls."""
+    return sum(c["readings"] - c["rejected"] for c in report["contours"] if c.get("spans"))
 
 
 def total(path, scan):
@@ -82,7 +82,7 @@ def compared(first, second):
             turn = (other[0] - angle + math.pi / 2) % math.pi - math.pi / 2
             along = [math.cos(angle) * p[0] + math.sin(angle) * p[1] for p in (a, b, other[3], other[4])]
             low, high = max(min(along[:2]), min(along[2:])), min(max(along[:2]), max(along[2:]))
-            if abs(turn) > 0.1 or high - low < 0.5 * abs(along[1] - along[0]):
+            if abs(turn) > 0.1 or high - low < 0.5 * max(abs(along[1] - along[0]), abs(along[3] - along[2])):
                 continue
             t = 0.5 * (low + high)
             point = (t * math.cos(angle) - offset * math.sin(angle), t * math.sin(angle) + offset * math.cos(angle))
@@ -100,15 +100,21 @@ def compared(first, second):
         rows.append((normal[0], normal[1], normal[1] * point[0] - normal[0] * point[1]))
         differences.append(away)
         variances.append(own + its)
-    if len(rows) < 6:
+    if len(rows) < 5:
         return []
-    # Weighted least squares for the displacement; the leverage of a wall reduces the variance of its residual.
     sigma = np.sqrt(variances)
     design = np.array(rows) / sigma[:, None]
     wanted = np.array(differences) / sigma
-    q, _ = np.linalg.qr(design)
-    residuals = wanted - q @ (q.T @ wanted)
-    left = 1 - (q * q).sum(axis=1)
+    weights = np.ones(len(wanted))
+    for _ in range(30):
+        root = np.sqrt(weights)
+        move = np.linalg.lstsq(design * root[:, None], wanted * root, rcond=None)[0]
+        residuals = wanted - design @ move
+        weights = np.minimum(1, 1.345 / np.maximum(np.abs(residuals), 1e-9))
+    # The estimated displacement changes the variance of each residual.
+    gain = np.linalg.inv(design.T @ (design * weights[:, None])) @ (design.T * weights)
+    left = np.eye(len(wanted)) - design @ gain
+    left = (left * left).sum(axis=1)
     return [float(r / math.sqrt(v)) for r, v in zip(residuals, left) if v > 0.1]
 
 
@@ -116,26 +122,26 @@ def main():
     count = int(sys.argv[2])
     for path in sys.argv[3:]:
         poses = scans(path)
-        picked = [int((k + 0.5) * len(poses) / count) for k in range(count)]
-        walls = every = readings = 0
-        sigmas = []
-        for scan in picked:
-            report = contours(path, scan)
-            readings += total(path, scan)
-            if report:
-                own = used(report)
-                walls, every = walls + own[0], every + own[1]
-                sigmas.append(report.get("sigma_range") or math.nan)
-        z = []
-        for k in picked:
-            both = contours(path, k), contours(path, min(k + 1, len(poses) - 1))
+        picked = [int((k + 0.5) * (len(poses) - 1) / count) for k in range(count)]
+        walls = readings = corners = 0
+        sigmas, z, deviations = [], [], []
+        for first in picked:
+            both = contours(path, first), contours(path, first + 1)
+            for scan, report in zip((first, first + 1), both):
+                readings += total(path, scan)
+                if report:
+                    walls += used(report)
+                    corners += len(report.get("corners", []))
+                    sigmas.append(report.get("sigma_range") or math.nan)
+                    deviations.append(report.get("wall_errors", {}).get("deviation", math.nan))
             if all(both):
                 z += compared(offsets(both[0]), offsets(both[1]))
         inside = sum(abs(v) < 1.96 for v in z) / len(z) if z else math.nan
-        sigmas.sort()
-        print(f"{path.split('/')[-1]:28} scans {count} on walls {walls / readings:.3f} on any contour {every / readings:.3f} "
-              f"median sigma {sigmas[len(sigmas) // 2] if sigmas else math.nan:.4f} "
-              f"walls compared {len(z)} within 1.96 sigma {inside:.3f}", flush=True)
+        print(f"{path.split('/')[-1]:28} scans {2 * count} on walls {walls / readings:.3f} "
+              f"corners {corners} median sigma {np.nanmedian(sigmas):.4f} "
+              f"deviation {np.nanmedian(deviations):.4f} walls compared {len(z)} within 1.96 sigma {inside:.3f} "
+              f"(± {math.sqrt(inside * (1 - inside) / max(len(z), 1)):.3f}) rms "
+              f"{math.sqrt(sum(v * v for v in z) / max(len(z), 1)):.2f}", flush=True)
 
 
 if __name__ == "__main__":

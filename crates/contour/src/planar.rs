@@ -63,7 +63,7 @@ pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub use start::circle as circle_of_points;
 pub use start::circle_of_moments;
 pub use start::starts;
-pub use walls::{Wall, WallCorner, WallMap, find_walls, wall_corners};
+pub use walls::{Wall, WallCorner, WallErrors, WallMap, find_walls, wall_corners};
 
 #[cfg(test)]
 mod tests;

@@ -212,6 +212,7 @@ codes! {
     // contour
     LengthsInPixels = "lengths-in-pixels", Warning: "Lengths are in pixels, because no pixel size is stated.",
     ReadingsIsolated = "readings-isolated", Warning: "Readings far from all others are not used.",
+    ReadingsOnNoWall = "readings-on-no-wall", Warning: "Readings of a room lie on no wall.",
     PartNotFitted = "part-not-fitted", Warning: "No contour could be fitted to a part of the readings.",
     KindAmbiguous = "kind-ambiguous", Warning: "Another kind explains the readings nearly as well.",
     ResidualsInconsistent = "residuals-inconsistent", Warning:
@@ -256,6 +257,8 @@ codes! {
     TwoViews = "two-views", Warning:
         "Two views leave open whether faces along the missing direction are flat or round.",
     SolidsAmbiguous = "solids-ambiguous", Warning: "Several solids have these views.",
+    StepUndecided = "step-undecided", Warning:
+        "The height of a step between two sections is known only to lie between their levels.",
     SearchIncomplete = "search-incomplete", Warning: "There may be more solids than were examined.",
     ViewsConsistent = "views-consistent", Info: "The views agree within their σ.",
     ViewsInconsistent = "views-inconsistent", Warning: "The views differ more than their σ predicts.",

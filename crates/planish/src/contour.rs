@@ -22,7 +22,9 @@ pub use constrained::{
 };
 pub use levels::{LevelRelation, Relation};
 use planish_core::{Finding, FindingCode, Setting};
-pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedCorner, ReportedValue};
+pub use report::{
+    ContourReport, PartReport, ReportedAlternative, ReportedCorner, ReportedValue, ReportedWallErrors,
+};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::job::Job;
@@ -179,7 +181,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     unused::refuse_unused(job, readings_of(job, &read))?;
     // Logs are in metres by definition.
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
-    let Parts { mut parts, sigma_range } =
+    let Parts { mut parts, sigma_range, on_no_wall, wall_errors } =
         parts_of(&mut read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
     if let Some(sampling) = &sampling {
         parts.iter_mut().for_each(|part| sampling.add_to(part, &read.sightings));
@@ -187,6 +189,8 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     let seen: Vec<_> = parts.iter().map(|part| measured_ends(part, &read.sightings)).collect();
     let mut report = report::report(&read, &parts, &seen, unit, findings);
     report.sigma_range = sigma_range;
+    report.readings_on_no_wall = on_no_wall;
+    report.wall_errors = wall_errors.map(ReportedWallErrors::from);
     report.samples_per_pixel = sampling.and_then(|sampling| sampling.samples());
     let mut drawn: Vec<DrawnContour> =
         parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();

@@ -70,6 +70,13 @@ fn walls_text(lines: &mut Lines, report: &ContourReport, walls: &[usize]) {
     if let Some(sigma) = report.sigma_range {
         lines.line(format!("σ of a range from the residuals of the walls: {}.", significant(sigma, 2)));
     }
+    if let Some(errors) = report.wall_errors.filter(|errors| errors.deviation > 0.0) {
+        lines.line(format!(
+            "σ of the deviation from straight walls that neighbours share: {} (correlated over {}).",
+            significant(errors.deviation, 2),
+            significant(errors.correlation_length, 2)
+        ));
+    }
     lines.gap();
     let rows: Vec<Vec<String>> = (walls.iter())
         .map(|&i| {

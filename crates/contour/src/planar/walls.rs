@@ -11,7 +11,10 @@
 //! | merge | two walls become one if that lowers the BIC and they are near each other |
 //! | assign | each reading to its nearest wall within the gate; walls are refitted or dropped by BIC |
 //! | fit | each line by the estimator of [`super::fit()`], without readings near another wall |
+//! | errors | scale of σ, heading, correlated deviations by restricted likelihood (`errors`) |
 
+mod corners;
+mod errors;
 mod line;
 mod runs;
 
@@ -19,11 +22,13 @@ use super::fit::{ContourFit, fit};
 use super::kind::ContourKind;
 use super::likelihood::{MeasuredPoint, Stroke};
 use super::options::{ContourFitOptions, outlier_gate};
-use super::reading::ContourReading;
+use super::reading::{ContourReading, ContourTarget};
+pub use corners::{WallCorner, wall_corners};
+pub use errors::WallErrors;
 use line::WallLine;
 use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
-use std::f64::consts::TAU;
+use std::f64::consts::{SQRT_2, TAU};
 
 /// Minimum number of readings of a wall in scans, whose order is known, and among readings without an order.
 ///
@@ -36,13 +41,8 @@ const MIN_WALL_READINGS: [usize; 2] = [4, 5];
 const PARAMETERS: [f64; 2] = [4.0, 6.0];
 /// A space along a wall without readings ends a span if it exceeds this multiple of the spacing beside it.
 const SPAN_SPACINGS: f64 = 4.0;
-/// Walls meet if both end within this many readings of their intersection. Readings near a corner may belong
-/// to the other wall, which takes one.
-const END_SPACINGS: f64 = 2.5;
 /// Maximum number of rounds of assigning readings; the assignment rarely changes after the fifth.
 const MAX_ROUNDS: usize = 12;
-/// Maximum distance of correlated residuals, in readings: panels and frames are rarely wider.
-const MAX_LAG: usize = 20;
 /// Smallest cost of a reading on no wall, in units of `−2 ln L`. In a region that is hardly larger than its
 /// walls, chance explains readings about as well as a wall, and everything would be an outlier.
 const MIN_OUTLIER_COST: f64 = 6.0;
@@ -56,8 +56,8 @@ pub struct Wall {
     pub members: Vec<usize>,
     /// Measured parts of the wall, in order along the line: their ends.
     pub spans: Vec<[[f64; 2]; 2]>,
-    /// Distances of the readings at both ends: the wall may continue that far unseen.
-    pub end_spacings: [f64; 2],
+    /// Distances of the readings at both ends of each span: it may continue that far unseen.
+    pub end_spacings: Vec<[f64; 2]>,
 }
 
 /// The walls in a set of readings.
@@ -70,17 +70,8 @@ pub struct WallMap {
     /// BIC of all readings, comparable with [`ContourFit::bic`] of the same readings. Each wall has four
     /// parameters and each further span two.
     pub bic: f64,
-}
-
-/// A point where two walls meet.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WallCorner {
-    /// Indices of the walls.
-    pub walls: [usize; 2],
-    /// The intersection of their lines.
-    pub position: [f64; 2],
-    /// Its covariance `[xx, xy, yy]`, without the correlation of the two walls.
-    pub covariance: [f64; 3],
+    /// Errors of the readings beyond those stated, which the covariances of the walls include.
+    pub errors: WallErrors,
 }
 
 /// Readings with what all stages need of them.
@@ -112,11 +103,16 @@ impl<'a> WallReadings<'a> {
         let [width, height] = bounds.extent();
         let n = readings.len().max(1) as f64;
         let sigma = (covariances.iter().map(|c| 0.5 * (c[0] + c[2])).sum::<f64>() / n).sqrt();
-        // A reading on no wall lies anywhere in the bounding box; one on a wall within σ of walls about as
-        // long as the perimeter of the box.
-        let ratio = width * height / (TAU.sqrt() * sigma * 2.0 * (width + height)).max(f64::MIN_POSITIVE);
-        let outlier_cost = (2.0 * ratio.max(1.0).ln()).clamp(MIN_OUTLIER_COST, gate * gate);
         let is_unordered = usize::from(!runs::scans(readings).1.is_empty());
+        let ratio = match is_unordered {
+            // The direction of a ray is given, so only the range counts: it is anywhere up to the longest, or
+            // within σ of the wall.
+            0 => longest_range(readings) / (TAU.sqrt() * SQRT_2 * sigma).max(f64::MIN_POSITIVE),
+            // A reading on no wall lies anywhere in the bounding box; one on a wall within σ of walls about
+            // as long as the perimeter of the box.
+            _ => width * height / (TAU.sqrt() * sigma * 2.0 * (width + height)).max(f64::MIN_POSITIVE),
+        };
+        let outlier_cost = (2.0 * ratio.max(1.0).ln()).clamp(MIN_OUTLIER_COST, gate * gate);
         let wall_cost = PARAMETERS[is_unordered] * n.max(2.0).ln();
         let min_readings = MIN_WALL_READINGS[is_unordered];
         Self { readings, points, covariances, gate, outlier_cost, wall_cost, min_readings }
@@ -161,10 +157,20 @@ impl<'a> WallReadings<'a> {
     }
 }
 
+/// The longest range of readings that are ranges.
+fn longest_range(readings: &[ContourReading]) -> f64 {
+    let range = |reading: &ContourReading| match reading.target {
+        ContourTarget::Range { range, .. } => range,
+        ContourTarget::Point { .. } => 0.0,
+    };
+    readings.iter().map(range).fold(0.0, f64::max)
+}
+
 /// Finds the walls in readings.
 ///
 /// Walls are added, merged and dropped as long as that lowers `−2 ln L` plus `4 ln n` per wall (`6 ln n`
-/// without scans), where a reading on no wall is spread evenly over the bounding box. Lines are then fitted
+/// without scans), where a reading on no wall is spread evenly up to the longest range, or over the bounding
+/// box without scans. Lines are then fitted
 /// as by [`super::fit()`]. Cost: for
 /// `n` readings in scans of `m`, `n m` for the runs and `n` times the number of walls for each round.
 ///
@@ -216,8 +222,7 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
             readings.len()
         )));
     }
-    let factor = correlation_factor(&data, &walls);
-    walls.iter_mut().for_each(|wall| wall.fit.covariance *= factor);
+    let errors = errors::apply(&data, &mut walls);
     walls.sort_by_key(|wall| std::cmp::Reverse(wall.members.len()));
     let mut is_on_wall = vec![false; readings.len()];
     for &i in walls.iter().flat_map(|wall| &wall.members) {
@@ -225,40 +230,7 @@ pub fn find_walls(readings: &[ContourReading], options: &ContourFitOptions) -> R
     }
     let others = (0..readings.len()).filter(|&i| !is_on_wall[i]).collect();
     let bic = criterion(&data, &walls);
-    Ok(WallMap { walls, others, bic })
-}
-
-/// Factor `1 + 2 Σ ρ_k` by which correlated residuals enlarge the covariance of walls.
-///
-/// `ρ_k` is the correlation of residuals `k` readings apart along a wall, over all walls. It is summed
-/// while it exceeds two of its σ, so that the factor is 1 for independent errors.
-fn correlation_factor(data: &WallReadings<'_>, walls: &[Wall]) -> f64 {
-    let residuals: Vec<Vec<f64>> = (walls.iter())
-        .map(|wall| {
-            let line = WallLine::new(wall.fit.state[0], wall.fit.state[1]);
-            let mut used: Vec<(f64, f64)> =
-                (wall.members.iter().zip(&wall.fit.distances).zip(&wall.fit.used))
-                    .filter(|((_, distance), used)| **used && distance.is_finite())
-                    .map(|((&i, _), _)| (line.along(data.points[i]), data.distance(&line, i)))
-                    .collect();
-            used.sort_by(|a, b| a.0.total_cmp(&b.0));
-            used.into_iter().map(|(_, distance)| distance).collect()
-        })
-        .collect();
-    let all: Vec<f64> = residuals.iter().flatten().copied().collect();
-    let variance = all.iter().map(|r| r * r).sum::<f64>() / all.len().max(1) as f64;
-    let mut factor = 1.0;
-    for lag in 1..=MAX_LAG {
-        let pairs: Vec<f64> =
-            residuals.iter().flat_map(|r| r.iter().zip(r.iter().skip(lag)).map(|(a, b)| a * b)).collect();
-        let n = pairs.len().max(1) as f64;
-        let correlation = pairs.iter().sum::<f64>() / (n * variance.max(f64::MIN_POSITIVE));
-        if correlation * n.sqrt() < 2.0 {
-            break;
-        }
-        factor += 2.0 * correlation;
-    }
-    factor
+    Ok(WallMap { walls, others, bic, errors })
 }
 
 /// Assigns each reading to its nearest wall, refits the walls, and drops those that no longer pay.
@@ -390,14 +362,22 @@ fn fitted(
         is_used[k] = at.map_or(distances[k].abs() <= data.gate, |at| fit.used[at]);
     }
     (fit.distances, fit.used) = (distances, is_used);
-    let spans = data.spans(&Candidate { line, members: members.clone() });
-    let spans = spans.iter().map(|span| span.map(|t| line.at(t))).collect();
+    let intervals = data.spans(&Candidate { line, members: members.clone() });
+    let spans = intervals.iter().map(|span| span.map(|t| line.at(t))).collect();
     let mut along: Vec<f64> = members.iter().map(|&i| line.along(data.points[i])).collect();
     along.sort_by(f64::total_cmp);
-    // The larger of two steps: readings of several scans may coincide.
-    let step = |k: usize| (along[k + 1] - along[k]).max(along[k + 2] - along[k + 1]);
-    let end_spacings = [step(0), step(along.len() - 3)];
+    let end_spacings = intervals.iter().map(|span| end_spacings(&along, *span)).collect();
     Some(Wall { fit, members, spans, end_spacings })
+}
+
+/// Distances of the readings at both ends of a span. `along` has the places of all readings, in order.
+fn end_spacings(along: &[f64], [from, to]: [f64; 2]) -> [f64; 2] {
+    // Steps outside of the span count if it has less than three readings. The larger of two steps: readings
+    // of several scans may coincide.
+    let first = along.partition_point(|t| *t < from).min(along.len().saturating_sub(3));
+    let last = along.partition_point(|t| *t <= to).max(3);
+    let step = |k: usize| (along[k + 1] - along[k]).max(along[k + 2] - along[k + 1]);
+    [step(first), step(last - 3)]
 }
 
 /// BIC of all readings: each anywhere on the spans of all walls, or an outlier at the gate.
@@ -418,48 +398,6 @@ fn criterion(data: &WallReadings<'_>, walls: &[Wall]) -> f64 {
         .sum();
     let parameters = 2.0 * (walls.len() + spans.len()) as f64;
     parameters * (data.points.len().max(2) as f64).ln() - 2.0 * log_likelihood
-}
-
-/// Points where two walls meet: intersections within two readings of a measured end of both.
-///
-/// The covariance is that of the intersection of two independent lines. Walls that share errors of poses are
-/// correlated, which it omits.
-#[must_use]
-pub fn wall_corners(walls: &[Wall]) -> Vec<WallCorner> {
-    let mut corners = Vec::new();
-    for i in 0..walls.len() {
-        for j in i + 1..walls.len() {
-            let lines = [i, j].map(|k| WallLine::new(walls[k].fit.state[0], walls[k].fit.state[1]));
-            let Some(position) = lines[0].intersection(&lines[1]) else { continue };
-            let is_near = |wall: &Wall| {
-                let ends = [wall.spans.first().map(|s| s[0]), wall.spans.last().map(|s| s[1])];
-                (ends.iter().zip(wall.end_spacings)).any(|(end, spacing)| {
-                    end.is_some_and(|end| {
-                        (end[0] - position[0]).hypot(end[1] - position[1]) <= END_SPACINGS * spacing
-                    })
-                })
-            };
-            if !is_near(&walls[i]) || !is_near(&walls[j]) {
-                continue;
-            }
-            // From n₁·p = c₁ and n₂·p = c₂: δp = N⁻¹ r, where row k of r is δc_k + t_k δα_k.
-            let normals = lines.map(|line| line.normal());
-            let cross = normals[0][0] * normals[1][1] - normals[0][1] * normals[1][0];
-            let mut covariance = [0.0; 3];
-            for (k, &index) in [i, j].iter().enumerate() {
-                let t = lines[k].along(position);
-                let c = &walls[index].fit.covariance;
-                let variance = c[(1, 1)] + 2.0 * t * c[(0, 1)] + t * t * c[(0, 0)];
-                let other = normals[1 - k];
-                let column = [other[1] / cross, -other[0] / cross];
-                covariance[0] += variance * column[0] * column[0];
-                covariance[1] += variance * column[0] * column[1];
-                covariance[2] += variance * column[1] * column[1];
-            }
-            corners.push(WallCorner { walls: [i, j], position, covariance });
-        }
-    }
-    corners
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@
 
 use super::{ContourJob, MIN_READINGS};
 use planish_contour::planar::{
-    Choice, ContourFitOptions, ContourKind, ContourReading, ContourTarget, WallMap, auto_kinds, choose,
-    find_walls, separate, typical_gap,
+    Choice, ContourKind, ContourReading, ContourTarget, WallErrors, WallMap, auto_kinds, choose, find_walls,
+    fit, separate, typical_gap,
 };
 use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_estimate::{Error, Result};
@@ -32,6 +32,10 @@ const SIGMA_TOLERANCE: f64 = 0.05;
 const MIN_SIGMA_SHARE: f64 = 0.1;
 /// Rounds of estimating σ; in the five logs of the benchmark three suffice.
 const SIGMA_ROUNDS: usize = 5;
+/// Smallest number of rejected readings on one line that may be a side: two are always on a line.
+const MIN_SIDE_READINGS: usize = 3;
+/// Number of ranges of indices in a message; the report lists all.
+const MAX_RANGES: usize = 12;
 /// The share of residuals from which σ is computed, and that many σ of a normal distribution on both sides.
 ///
 /// Residuals of real walls have wide tails. The median, which ignores them, gave 0.007 m in a log whose
@@ -45,8 +49,8 @@ pub(super) struct Part {
     pub(super) choice: Choice,
     /// The measured parts of a wall; none for other contours.
     pub(super) spans: Vec<[[f64; 2]; 2]>,
-    /// Distances of the readings at both ends of a wall.
-    pub(super) end_spacings: [f64; 2],
+    /// Distances of the readings at both ends of each span of a wall.
+    pub(super) end_spacings: Vec<[f64; 2]>,
 }
 
 /// The parts of all readings.
@@ -54,6 +58,10 @@ pub(super) struct Parts {
     pub(super) parts: Vec<Part>,
     /// σ of ranges estimated from the residuals of the walls of a log that states none.
     pub(super) sigma_range: Option<f64>,
+    /// Indices of the readings that were searched for walls and lie on none, in increasing order.
+    pub(super) on_no_wall: Vec<usize>,
+    /// Errors of readings about walls; those of the first level if there are several.
+    pub(super) wall_errors: Option<WallErrors>,
 }
 
 /// Separates the readings and fits each part.
@@ -75,10 +83,18 @@ pub(super) fn parts_of(
     }
     let is_auto = job.kinds.is_empty() && !job.chains && !job.walls;
     let sigma_range = match (job.walls || is_auto) && read.in_metres && job.sigma.range.is_none() {
-        true => estimate_sigma(&mut read.sightings, &job.fit),
+        true => estimate_sigma(&mut read.sightings, job),
         false => None,
     };
-    let mut search = Search { readings: &read.sightings, job, is_auto, parts: Vec::new(), findings };
+    let mut search = Search {
+        readings: &read.sightings,
+        job,
+        is_auto,
+        parts: Vec::new(),
+        on_no_wall: Vec::new(),
+        wall_errors: None,
+        findings,
+    };
     let count = groups.len();
     for (k, (level, members)) in groups.into_iter().enumerate() {
         let at = [k, k + 1].map(|k| 0.05 + 0.9 * k as f64 / count as f64);
@@ -88,13 +104,14 @@ pub(super) fn parts_of(
             search.objects(level, &members, progress, at, count)?;
         }
     }
-    let mut parts = search.parts;
+    let Search { mut parts, mut on_no_wall, wall_errors, .. } = search;
     if parts.is_empty() {
         return Err(Error::undetermined("no part of the readings determines a contour"));
     }
     // Stable sort: parts of equal size keep the order of the file.
     parts.sort_by_key(|part| std::cmp::Reverse(part.members.len()));
-    Ok(Parts { parts, sigma_range })
+    on_no_wall.sort_unstable();
+    Ok(Parts { parts, sigma_range, on_no_wall, wall_errors })
 }
 
 /// The search for contours in one file.
@@ -103,6 +120,8 @@ struct Search<'a> {
     job: &'a ContourJob,
     is_auto: bool,
     parts: Vec<Part>,
+    on_no_wall: Vec<usize>,
+    wall_errors: Option<WallErrors>,
     findings: &'a mut Vec<Finding>,
 }
 
@@ -183,20 +202,30 @@ impl Search<'_> {
     fn add(&mut self, level: Option<f64>, members: &[usize], object: Object) {
         match object {
             Object::Contour(choice) => {
+                self.findings.extend(self.missing_side(members, &choice));
                 let members = members.to_vec();
                 self.parts.push(Part {
                     level,
                     members,
                     choice: *choice,
                     spans: Vec::new(),
-                    end_spacings: [0.0; 2],
+                    end_spacings: Vec::new(),
                 });
             }
             Object::Walls(map) => {
                 if !map.others.is_empty() {
-                    let text = format!("{} of {} readings lie on no wall", map.others.len(), members.len());
-                    self.findings.push(Finding::new(FindingCode::ReadingsIsolated, text));
+                    let others: Vec<usize> = map.others.iter().map(|&k| members[k]).collect();
+                    let verb = if others.len() == 1 { "lies" } else { "lie" };
+                    let text = format!(
+                        "{} of {} readings {verb} on no wall (people, furniture, glass or depth edges): {}",
+                        others.len(),
+                        members.len(),
+                        ranges_text(&others)
+                    );
+                    self.findings.push(Finding::new(FindingCode::ReadingsOnNoWall, text));
+                    self.on_no_wall.extend(others);
                 }
+                self.wall_errors = self.wall_errors.or(Some(map.errors));
                 self.parts.extend(map.walls.into_iter().map(|wall| Part {
                     level,
                     members: wall.members.iter().map(|&k| members[k]).collect(),
@@ -206,6 +235,34 @@ impl Search<'_> {
                 }));
             }
         }
+    }
+
+    /// A warning if rejected readings lie on one line: the contour may lack a side.
+    ///
+    /// Scattered gross errors are rarely straight within σ. An L-shaped part in a picture lost a short side
+    /// with three of 34 readings without a warning.
+    fn missing_side(&self, members: &[usize], choice: &Choice) -> Option<Finding> {
+        let rejected = members.iter().zip(&choice.fit.used).filter(|(_, used)| !**used);
+        let rejected: Vec<usize> = rejected.map(|(&i, _)| i).collect();
+        if rejected.len() < MIN_SIDE_READINGS {
+            return None;
+        }
+        let gap = self.job.gap.unwrap_or_else(|| typical_gap(&self.sightings(members)));
+        let is_side = |cluster: &Vec<usize>| {
+            let readings: Vec<ContourReading> = cluster.iter().map(|&k| self.readings[rejected[k]]).collect();
+            readings.len() >= MIN_SIDE_READINGS
+                && fit(&ContourKind::Line, &readings, &self.job.fit).is_ok_and(|line| {
+                    line.used.iter().all(|used| *used) && line.reduced_chi_square() < CONSISTENT.end
+                })
+        };
+        let clusters = separate(&self.sightings(&rejected), gap);
+        let count = clusters.iter().filter(|cluster| is_side(cluster)).map(Vec::len).max()?;
+        let text = format!(
+            "{} of {} readings: {count} rejected readings lie on one line, which may be a further side",
+            choice.fit.kind,
+            members.len()
+        );
+        Some(Finding::new(FindingCode::BeyondGate, text).with_setting(Setting::Kind))
     }
 
     /// Walls of all readings, after closed contours of groups that such a contour explains better.
@@ -259,6 +316,26 @@ impl Search<'_> {
     }
 }
 
+/// Indices as ranges: `3-7, 20`.
+fn ranges_text(indices: &[usize]) -> String {
+    let mut ranges: Vec<[usize; 2]> = Vec::new();
+    for &i in indices {
+        match ranges.last_mut() {
+            Some(last) if last[1] + 1 == i => last[1] = i,
+            _ => ranges.push([i, i]),
+        }
+    }
+    let shown = ranges.iter().take(MAX_RANGES).map(|[from, to]| match from == to {
+        true => from.to_string(),
+        false => format!("{from}-{to}"),
+    });
+    let mut words: Vec<String> = shown.collect();
+    if ranges.len() > MAX_RANGES {
+        words.push(format!("and {} more ranges", ranges.len() - MAX_RANGES));
+    }
+    format!("indices {} (from 0)", words.join(", "))
+}
+
 /// What explains a group of readings.
 enum Object {
     Contour(Box<Choice>),
@@ -275,11 +352,13 @@ fn is_consistent(choice: &Choice) -> bool {
 /// Replaces the default σ of the ranges of a log by the scatter of the readings about their walls.
 ///
 /// The result includes the roughness of walls, which is an error for a straight one. It is at most the
-/// default. Readings without walls keep their σ.
-fn estimate_sigma(sightings: &mut [ContourReading], options: &ContourFitOptions) -> Option<f64> {
+/// default. Readings without walls keep their σ. The error of the heading, without which readings at small
+/// angles to a wall would decide its line, follows as well unless it is given.
+fn estimate_sigma(sightings: &mut [ContourReading], job: &ContourJob) -> Option<f64> {
     let mut sigma = DEFAULT_SIGMA_RANGE;
+    let mut heading = 0.0;
     for _ in 0..SIGMA_ROUNDS {
-        let map = find_walls(sightings, options).ok()?;
+        let map = find_walls(sightings, &job.fit).ok()?;
         let mut residuals: Vec<f64> = Vec::new();
         for wall in &map.walls {
             // A line through n readings leaves √((n − 2)/n) of their σ.
@@ -293,7 +372,7 @@ fn estimate_sigma(sightings: &mut [ContourReading], options: &ContourFitOptions)
         let next =
             (sigma * *residual / sigmas).clamp(MIN_SIGMA_SHARE * DEFAULT_SIGMA_RANGE, DEFAULT_SIGMA_RANGE);
         let is_converged = (next / sigma - 1.0).abs() < SIGMA_TOLERANCE;
-        sigma = next;
+        (sigma, heading) = (next, map.errors.heading_rad);
         for sighting in sightings.iter_mut() {
             if let ContourTarget::Range { sigma: [.., of_range], .. } = &mut sighting.target {
                 *of_range = sigma;
@@ -303,5 +382,58 @@ fn estimate_sigma(sightings: &mut [ContourReading], options: &ContourFitOptions)
             break;
         }
     }
+    if job.sigma.heading_deg.is_none() {
+        // Only now: with it, the next estimate would be what is left.
+        for sighting in sightings.iter_mut() {
+            if let ContourTarget::Range { sigma: [_, _, of_heading, _], .. } = &mut sighting.target {
+                *of_heading = heading;
+            }
+        }
+    }
     Some(sigma)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ContourJob;
+    use super::{Parts, parts_of, ranges_text};
+    use planish_contour::planar::{ContourKind, ContourReading, ContourTarget};
+    use planish_core::{FindingCode, Silent};
+    use planish_exchange::contours::ContourReadings;
+
+    #[test]
+    fn indices_are_shown_as_ranges() {
+        assert_eq!(ranges_text(&[3, 4, 5, 9, 11, 12]), "indices 3-5, 9, 11-12 (from 0)");
+        let many: Vec<usize> = (0..40).map(|k| 2 * k).collect();
+        assert!(ranges_text(&many).ends_with("22, and 28 more ranges (from 0)"), "{}", ranges_text(&many));
+    }
+
+    /// Codes of the findings about a rectangle of 20 × 10 and six more points.
+    fn findings(extra: [[f64; 2]; 6]) -> Vec<FindingCode> {
+        let side = |k: u32, length: f64| length * (f64::from(k) + 0.5) / 30.0;
+        let outline = (0..30).flat_map(|k| {
+            [[side(k, 20.0), 0.0], [side(k, 20.0), 10.0], [0.0, side(k, 10.0)], [20.0, side(k, 10.0)]]
+        });
+        let sightings = outline.chain(extra).enumerate().map(|(line, position)| {
+            // A pattern without a trend instead of noise.
+            let error = 0.02 * ((7 * line % 5) as f64 - 2.0);
+            let target =
+                ContourTarget::Point { position: [position[0] + error, position[1] - error], sigma: 0.05 };
+            ContourReading { target, pose: None, time_s: 0.0, line }
+        });
+        let mut read = ContourReadings { sightings: sightings.collect(), ..ContourReadings::default() };
+        let job = ContourJob { kinds: vec![ContourKind::Rectangle], ..ContourJob::default() };
+        let mut findings = Vec::new();
+        let Parts { parts, .. } = parts_of(&mut read, &job, &Silent, &mut findings).expect("a rectangle");
+        assert_eq!(parts.len(), 1);
+        findings.iter().map(|finding| finding.code).collect()
+    }
+
+    #[test]
+    fn rejected_readings_on_a_line_are_reported() {
+        let step = [0, 1, 2, 3, 4, 5].map(|k| [8.0 + 0.6 * f64::from(k), 8.5]);
+        assert!(findings(step).contains(&FindingCode::BeyondGate));
+        let scattered = [[3.0, 8.9], [5.1, 2.0], [8.3, 8.1], [11.9, 1.4], [15.2, 8.5], [17.0, 1.1]];
+        assert!(!findings(scattered).contains(&FindingCode::BeyondGate));
+    }
 }

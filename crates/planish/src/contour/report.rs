@@ -4,7 +4,7 @@ use super::constrained::ConstrainedReport;
 use super::levels::{LevelRelation, relation};
 use super::parts::{CONSISTENT, MAX_SKIPPED_SHARE, Part};
 use nalgebra::DMatrix;
-use planish_contour::planar::{ContourFit, ContourKind, Wall, contains, wall_corners};
+use planish_contour::planar::{ContourFit, ContourKind, Wall, WallErrors, contains, wall_corners};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
@@ -91,6 +91,31 @@ pub struct ReportedCorner {
     pub covariance: [[f64; 2]; 2],
 }
 
+/// Errors of readings about walls, beyond those stated; σ of walls and corners includes them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ReportedWallErrors {
+    /// Factor of σ of the readings.
+    pub sigma_factor: f64,
+    /// σ of the heading of each reading, in addition to that stated.
+    pub heading_deg: f64,
+    /// σ of the deviation of readings from straight walls that neighbours share: the form of the wall,
+    /// rounded ranges, motion during a scan.
+    pub deviation: f64,
+    /// Correlation length of that deviation along a wall.
+    pub correlation_length: f64,
+}
+
+impl From<WallErrors> for ReportedWallErrors {
+    fn from(errors: WallErrors) -> Self {
+        Self {
+            sigma_factor: errors.scale,
+            heading_deg: errors.heading_rad.to_degrees(),
+            deviation: errors.form,
+            correlation_length: errors.length,
+        }
+    }
+}
+
 /// All contours of a file. The keys of the largest contour are at the top level.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ContourReport {
@@ -107,6 +132,12 @@ pub struct ContourReport {
     /// σ of ranges estimated from the residuals of walls, for a log if none was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_range: Option<f64>,
+    /// Errors of readings about walls.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wall_errors: Option<ReportedWallErrors>,
+    /// Indices, from 0, of the readings on no wall, among those that were read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub readings_on_no_wall: Vec<usize>,
     /// Number of samples per pixel and axis of a picture, if so few that they displace its edges. σ includes
     /// that displacement.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -180,6 +211,8 @@ pub(super) fn report(
         levels: relation(parts),
         corners: corners(parts),
         sigma_range: None,
+        wall_errors: None,
+        readings_on_no_wall: Vec::new(),
         samples_per_pixel: None,
         constrained: None,
         contours,
@@ -300,7 +333,7 @@ fn corners(parts: &[Part]) -> Vec<ReportedCorner> {
         .map(|&i| {
             let Part { members, choice, spans, end_spacings, .. } = &parts[i];
             let (members, spans) = (members.clone(), spans.clone());
-            Wall { fit: choice.fit.clone(), members, spans, end_spacings: *end_spacings }
+            Wall { fit: choice.fit.clone(), members, spans, end_spacings: end_spacings.clone() }
         })
         .collect();
     let reported = wall_corners(&walls).into_iter().map(|corner| {

@@ -74,6 +74,8 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
         levels: None,
         corners: Vec::new(),
         sigma_range: None,
+        wall_errors: None,
+        readings_on_no_wall: Vec::new(),
         samples_per_pixel: None,
         unit: job.unit,
         // Readings in space are not separated into groups, so none is a stray.

@@ -178,7 +178,7 @@ pub(super) fn solve(job: &SolidJob, files: &Sections, progress: &dyn Progress) -
              with the σ of that interval",
             between[0], between[1]
         );
-        findings.push(Finding::new(FindingCode::SolidsAmbiguous, text));
+        findings.push(Finding::new(FindingCode::StepUndecided, text));
     }
     let report = SolidReport {
         solutions: vec![RankedSolid {

@@ -59,7 +59,7 @@ impl WallLine {
         (cross.abs() > 0.1).then(|| {
             [
                 (self.offset * other.cos - other.offset * self.cos) / cross,
-                (other.offset * self.sin - self.offset * other.sin) / cross,
+                (self.offset * other.sin - other.offset * self.sin) / cross,
             ]
         })
     }
@@ -88,5 +88,21 @@ impl WallLine {
             line = Some(Self { sin, cos, offset: cos * middle[1] - sin * middle[0] });
         }
         line.unwrap_or(Self { sin: 0.0, cos: 1.0, offset: 0.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::WallLine;
+
+    #[test]
+    fn intersections_lie_on_both_lines() {
+        let lines =
+            [(0.3, 2.0), (1.7, -1.5), (-2.5, 0.7)].map(|(angle, offset)| WallLine::new(angle, offset));
+        for i in 0..3 {
+            let (one, other) = (&lines[i], &lines[(i + 1) % 3]);
+            let p = one.intersection(other).expect("lines of different directions");
+            assert!(one.distance(p).abs() < 1e-12 && other.distance(p).abs() < 1e-12, "{p:?}");
+        }
     }
 }
