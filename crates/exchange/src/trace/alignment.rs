@@ -5,14 +5,14 @@
 //! 3. The groups change as little as their σ allow so that ends lie on circles, and circles reach the lines
 //!    that show them in other views.
 
-use super::consistent::{Equation, SOLVED, solved};
 use super::ends::tangent_point;
 use super::layout::{Extent, Layout, corners, layout_of};
 use super::marks::PixelBox;
 use super::moments::Shape;
 use super::pieces::{LineScale, Piece, PieceGraph};
-use planish_estimate::{Error, Result};
+use planish_estimate::{Condition, Error, Result, adjusted_without_conflicts};
 use planish_solid::drawing::ViewKind;
+use planish_solid::drawing::conditions::{on_circle, on_line, tangent_at};
 use planish_solid::views::{Curve2, distance};
 use std::f64::consts::TAU;
 
@@ -26,8 +26,8 @@ const MAX_MISFIT: f64 = 1e-3;
 const PARALLEL: [f64; 3] = [0.35, 1.5, 0.12];
 /// Largest change of a value by the equations, in σ and pixels.
 const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
-/// How often equations that contradict others are left out.
-const MAX_REPEATS: usize = 8;
+/// Maximum residual of an equation that is met, in pixels.
+const SOLVED: f64 = 1e-9;
 
 /// A value of an axis.
 #[derive(Debug, Clone)]
@@ -73,7 +73,8 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
     let sigmas: Vec<f64> = groups.iter().map(|g| g.1).collect();
     let start: Vec<f64> = groups.iter().map(|g| g.0).collect();
     let equations = equations(graph, &values, &frames, &start, &sigmas);
-    let found = consistent(&start, &sigmas, equations);
+    let max_change = |k: usize| MAX_CHANGE[0] * sigmas[k] + MAX_CHANGE[1];
+    let found = adjusted_without_conflicts(&start, &sigmas, equations, SOLVED, max_change);
     let places = layout.as_ref().map(|l| corners(l, &extents));
     let curves: Vec<AlignedCurve> = (0..graph.pieces.len())
         .filter(|k| !graph.pieces[*k].is_dropped)
@@ -110,30 +111,6 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
         }
     }
     Ok(curves)
-}
-
-/// The values that meet the equations; those that would change values by too much are left out.
-fn consistent(start: &[f64], sigmas: &[f64], mut equations: Vec<Equation<'_>>) -> Vec<f64> {
-    let change = |found: &[f64], k: usize| (found[k] - start[k]).abs() - MAX_CHANGE[0] * sigmas[k];
-    for _ in 0..MAX_REPEATS {
-        let before = equations.len();
-        let Some((found, residuals)) = solved(start, sigmas, &equations) else { break };
-        let largest = residuals.iter().copied().fold(0.0, f64::max);
-        let is_moved: Vec<bool> = (0..found.len()).map(|k| change(&found, k) > MAX_CHANGE[1]).collect();
-        if largest < 1e3 * SOLVED && !is_moved.contains(&true) {
-            return found;
-        }
-        // Those that contradict others have large residuals.
-        let mut left = residuals.iter();
-        equations.retain(|e| {
-            let is_met = left.next().is_some_and(|r| *r < (0.5 * largest).max(1e3 * SOLVED));
-            is_met && (largest >= 1e3 * SOLVED || e(start).1.iter().all(|(k, _)| !is_moved[*k]))
-        });
-        if equations.len() == before {
-            break;
-        }
-    }
-    start.to_vec()
 }
 
 /// The curve of a piece with consistent values.
@@ -427,8 +404,8 @@ fn equations<'a>(
     frames: &'a [[Frame; 2]],
     start: &[f64],
     sigmas: &[f64],
-) -> Vec<Equation<'a>> {
-    let mut all: Vec<Equation<'a>> = Vec::new();
+) -> Vec<Condition<'a>> {
+    let mut all: Vec<Condition<'a>> = Vec::new();
     let mut has_line = vec![false; start.len()];
     for value in values.all.iter().filter(|v| v.range.is_some()) {
         has_line[value.group] = true;
@@ -470,13 +447,7 @@ fn equations<'a>(
         let shapes: Vec<usize> = members.iter().copied().filter(|k| !graph.pieces[*k].is_dropped).collect();
         for k in &shapes {
             if let Some(circle) = values.circles[*k] {
-                let [cx, cy, r] = circle.map(|v| values.group(v));
-                all.push(Box::new(move |x| {
-                    let d = [x[own[0]] - x[cx], x[own[1]] - x[cy]];
-                    let length = d[0].hypot(d[1]).max(1e-9);
-                    let u = d.map(|c| c / length);
-                    (length - x[r], vec![(own[0], u[0]), (own[1], u[1]), (cx, -u[0]), (cy, -u[1]), (r, -1.0)])
-                }));
+                all.push(on_circle(own, circle.map(|v| values.group(v))));
             } else if values.axes[*k].is_none()
                 && let [Some(a), Some(b)] = graph.pieces[*k].nodes
                 && a != n
@@ -484,7 +455,7 @@ fn equations<'a>(
             {
                 // On a slanted line.
                 let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-                all.push(Box::new(move |x| on_line(x, own, p, q)));
+                all.push(on_line(own, [p, q]));
             }
         }
         for (i, a) in shapes.iter().enumerate() {
@@ -510,44 +481,15 @@ fn tangency<'a>(
     own: [usize; 2],
     circle: [usize; 3],
     line: usize,
-) -> Option<Equation<'a>> {
+) -> Option<Condition<'a>> {
     let center = [values.group(circle[0]), values.group(circle[1])];
     if let Some(axis) = values.axes[line] {
         // The line runs along the other axis.
         let (n, c) = (own[1 - axis], center[1 - axis]);
         return (n != c)
-            .then(|| -> Equation<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
+            .then(|| -> Condition<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
     }
     let [Some(a), Some(b)] = graph.pieces[line].nodes else { return None };
     let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-    Some(Box::new(move |x| {
-        let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-        let length = d[0].hypot(d[1]).max(1e-9);
-        let e = [x[own[0]] - x[center[0]], x[own[1]] - x[center[1]]];
-        let u = d.map(|c| c / length);
-        let residual = e[0] * u[0] + e[1] * u[1];
-        // The direction of the line depends on its ends.
-        let slope = |k: usize| (e[k] - residual * u[k]) / length;
-        let mut slopes: Vec<(usize, f64)> = Vec::with_capacity(8);
-        for k in 0..2 {
-            slopes.extend([(own[k], u[k]), (center[k], -u[k]), (q[k], slope(k)), (p[k], -slope(k))]);
-        }
-        (residual, slopes)
-    }))
-}
-
-/// Distance of a point from the line through two others.
-fn on_line(x: &[f64], own: [usize; 2], p: [usize; 2], q: [usize; 2]) -> (f64, Vec<(usize, f64)>) {
-    let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-    let e = [x[own[0]] - x[p[0]], x[own[1]] - x[p[1]]];
-    let length = d[0].hypot(d[1]).max(1e-9);
-    let residual = (d[0] * e[1] - d[1] * e[0]) / length;
-    let n = [-d[1] / length, d[0] / length];
-    // How far along the line the point is.
-    let share = (d[0] * e[0] + d[1] * e[1]) / (length * length);
-    let mut slopes = Vec::with_capacity(6);
-    for k in 0..2 {
-        slopes.extend([(own[k], n[k]), (p[k], -(1.0 - share) * n[k]), (q[k], -share * n[k])]);
-    }
-    (residual, slopes)
+    Some(tangent_at(own, center, [p, q]))
 }

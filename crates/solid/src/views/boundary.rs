@@ -6,10 +6,11 @@
 //! surfaces bound a solid sector. Edges are chained to loops on each surface, and loops bound maximal faces.
 
 use super::candidate_surface::{Side, across};
-use super::candidates::{Candidate, corners, curves};
+use super::candidates::Candidate;
 use super::cells::{Cells, is_plain, pieces_in};
 use super::column::SurfaceId;
 use super::edge_splines::{SPLINE_PIECES, TRACED_PIECES, spline, traced_spline};
+use super::intersections::{CurveId, Intersections};
 use super::rings::faces;
 use super::search::{Assignment, CellState};
 use super::surfaces::Curve3;
@@ -19,37 +20,53 @@ use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
+use std::rc::Rc;
 
 /// A boundary under construction.
-pub(super) struct BoundaryBuilder<'a> {
+pub(super) struct BoundaryBuilder<'a, 'b> {
     pub(super) cells: &'a Cells<'a>,
-    assignment: &'a Assignment,
+    intersections: &'b mut Intersections<'a>,
+    assignment: &'b Assignment,
     state: CellState,
-    pub(super) surfaces: Vec<Candidate>,
+    ids: Vec<SurfaceId>,
+    pub(super) surfaces: Vec<Rc<Candidate>>,
     pub(super) solid: Solid,
     /// Coedges by surface, and by whether the face's outward normal is the surface's normal.
     ///
     /// A surface may bound the solid on either side in different places; these are different faces.
     pub(super) coedges: BTreeMap<(usize, bool), Vec<Coedge>>,
-    /// Distance below which points are equal: five times that of the grid, as intersections amplify rounding.
+    /// Distance below which points are equal.
     pub(super) tolerance: f64,
+}
+
+/// Distance below which points are equal: five times that of the grid, as intersections amplify rounding.
+pub(super) fn tolerance(cells: &Cells) -> f64 {
+    5.0 * cells.plan.tolerance
 }
 
 /// Builds the boundary of the cells that have a state.
 ///
 /// # Errors
 /// `Input` if the boundary does not close.
-pub(super) fn boundary(cells: &Cells, assignment: &Assignment, state: CellState) -> Result<Solid> {
+pub(super) fn boundary<'a>(
+    cells: &'a Cells<'a>,
+    intersections: &mut Intersections<'a>,
+    assignment: &Assignment,
+    state: CellState,
+) -> Result<Solid> {
     let mut builder = BoundaryBuilder {
         cells,
+        intersections,
         assignment,
         state,
+        ids: Vec::new(),
         surfaces: Vec::new(),
         solid: Solid::default(),
         coedges: BTreeMap::new(),
-        tolerance: 5.0 * cells.plan.tolerance,
+        tolerance: tolerance(cells),
     };
-    builder.surfaces = builder.used().into_iter().map(|id| Candidate::new(cells, id)).collect();
+    builder.ids = builder.used().into_iter().collect();
+    builder.surfaces = builder.ids.iter().map(|id| builder.intersections.surface(*id)).collect();
     builder.make_edges();
     // Before faces are made: lines along which faces touch must be cut into the loops first.
     builder.part_touching_faces()?;
@@ -59,7 +76,7 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment, state: CellState)
     Ok(builder.solid)
 }
 
-impl BoundaryBuilder<'_> {
+impl BoundaryBuilder<'_, '_> {
     pub(super) fn is_solid(&self, p: DVec3) -> bool {
         self.assignment.get(&self.cells.at(p)) == Some(&self.state)
     }
@@ -223,36 +240,26 @@ impl BoundaryBuilder<'_> {
     /// Intersects all pairs of used surfaces and cuts the curves at all third surfaces.
     fn make_edges(&mut self) {
         let n = self.surfaces.len();
-        let bounds = [0, 1, 2].map(|a| {
-            let grid = &self.cells.plan.grid[a];
-            [grid[0], grid[grid.len() - 1]]
-        });
         for s in 0..n {
             for t in s + 1..n {
-                for meeting in
-                    curves(&self.surfaces[s], &self.surfaces[t], self.cells.plan.size, self.tolerance)
-                {
-                    let mut points = meeting.ends.clone();
+                let ids = [self.ids[s], self.ids[t]];
+                for (index, meeting) in self.intersections.curves(ids).iter().enumerate() {
+                    let id = (ids, index);
+                    let mut cuts = self.intersections.cuts(id, meeting, None).to_vec();
                     for u in (0..n).filter(|u| *u != s && *u != t) {
-                        let three = [s, t, u].map(|k| &self.surfaces[k]);
-                        points.extend(corners(three, &meeting.curve, bounds, self.tolerance));
+                        cuts.extend_from_slice(&self.intersections.cuts(id, meeting, Some(self.ids[u])));
                     }
-                    // Surfaces are unbounded, so most points lie outside of the drawing, where all is empty.
-                    points.retain(|p| (0..3).all(|a| p[a] > bounds[a][0] && p[a] < bounds[a][1]));
-                    self.cut(&meeting.curve, points, [s, t]);
+                    self.cut(id, &meeting.curve, cuts, [s, t]);
                 }
             }
         }
     }
 
     /// Cuts a curve at points and keeps the intervals that are edges.
-    fn cut(&mut self, curve: &Curve3, points: Vec<DVec3>, pair: [usize; 2]) {
+    fn cut(&mut self, id: CurveId, curve: &Curve3, points: Vec<(f64, DVec3)>, pair: [usize; 2]) {
         let near = self.tolerance;
         let mut cuts: Vec<(f64, DVec3)> = Vec::new();
-        for p in points {
-            let Some(t) = curve.parameter(p, near) else {
-                continue;
-            };
+        for (t, p) in points {
             // Several surfaces may pass through one vertex, and each finds it with its own rounding.
             if !cuts.iter().any(|c| (c.1 - p).length() < 20.0 * near) {
                 cuts.push((t, p));
@@ -261,16 +268,17 @@ impl BoundaryBuilder<'_> {
         cuts.sort_by(|a, b| a.0.total_cmp(&b.0));
         let period = curve.period();
         if let (Some(period), true) = (period, cuts.is_empty()) {
-            self.add_stretch(curve, [0.0, period], None, pair);
+            self.add_stretch((id, curve), [0.0, period], None, pair);
             return;
         }
         for k in 0..cuts.len() {
             let (from, p) = cuts[k];
             match cuts.get(k + 1) {
-                Some((to, q)) => self.add_stretch(curve, [from, *to], Some([p, *q]), pair),
+                Some((to, q)) => self.add_stretch((id, curve), [from, *to], Some([p, *q]), pair),
                 None => {
                     if let Some(period) = period {
-                        self.add_stretch(curve, [from, cuts[0].0 + period], Some([p, cuts[0].1]), pair);
+                        let range = [from, cuts[0].0 + period];
+                        self.add_stretch((id, curve), range, Some([p, cuts[0].1]), pair);
                     }
                 }
             }
@@ -281,7 +289,13 @@ impl BoundaryBuilder<'_> {
     ///
     /// The states around the middle decide: no other surface crosses an interval between two cuts. Several
     /// wedges (where the solid touches itself) give several coincident edges.
-    fn add_stretch(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[DVec3; 2]>, pair: [usize; 2]) {
+    fn add_stretch(
+        &mut self,
+        (id, curve): (CurveId, &Curve3),
+        range: [f64; 2],
+        ends: Option<[DVec3; 2]>,
+        pair: [usize; 2],
+    ) {
         let middle = (range[0] + range[1]) / 2.0;
         let m = curve.point(middle);
         // By central differences, as curves of all kinds have points but not all have derivatives.
@@ -326,7 +340,7 @@ impl BoundaryBuilder<'_> {
             if a.1 == b.1 || !is_pair {
                 continue;
             }
-            let edge = self.add_edge(curve, range, ends);
+            let edge = self.add_edge((id, curve), range, ends);
             for (half, begins) in [(a, true), (b, false)] {
                 let (sin, cos) = half.0.sin_cos();
                 let w = DVec3::ZERO + cos * e1 + sin * e2;
@@ -383,7 +397,12 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    fn add_edge(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[DVec3; 2]>) -> usize {
+    fn add_edge(
+        &mut self,
+        (id, curve): (CurveId, &Curve3),
+        range: [f64; 2],
+        ends: Option<[DVec3; 2]>,
+    ) -> usize {
         let [start, end] = match ends {
             Some([p, q]) => [self.vertex(p), self.vertex(q)],
             None => [self.vertex(curve.point(range[0])); 2],
@@ -401,9 +420,12 @@ impl BoundaryBuilder<'_> {
                     range.map(|t| t - PI / 2.0),
                 ),
             },
-            Curve3::Branch { .. } => (spline(curve, range), [0.0, SPLINE_PIECES as f64]),
+            Curve3::Branch { .. } => {
+                let curve = self.intersections.edge(id, range, ends, || spline(curve, range));
+                (curve, [0.0, SPLINE_PIECES as f64])
+            }
             Curve3::Traced(traced) => {
-                let curve = traced_spline(traced, range, ends);
+                let curve = self.intersections.edge(id, range, ends, || traced_spline(traced, range, ends));
                 (curve, [0.0, TRACED_PIECES as f64])
             }
         };
