@@ -192,7 +192,8 @@ mod tests {
         let found = adjusted_without_conflicts(&[0.0, 1.02], &[1.0, 1.0], all, 1e-12, |_| 0.1);
         assert!((found[1] - found[0] - 1.0).abs() < 1e-9, "{found:?}");
         // A change beyond the limit is not made.
-        let far = adjusted_without_conflicts(&[0.0, 1.5], &[1.0, 1.0], vec![equal(1, 0, 1.0)], 1e-12, |_| 0.1);
+        let far =
+            adjusted_without_conflicts(&[0.0, 1.5], &[1.0, 1.0], vec![equal(1, 0, 1.0)], 1e-12, |_| 0.1);
         assert_eq!(far, [0.0, 1.5]);
     }
 }

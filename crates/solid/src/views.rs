@@ -28,6 +28,7 @@
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
+mod adjacent;
 #[cfg(test)]
 mod body_tests;
 mod boundary;

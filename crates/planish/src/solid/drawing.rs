@@ -145,7 +145,8 @@ fn finish(reading: &mut ReadDrawing, unit: Unit, job: &SolidJob) -> Result<()> {
         reading.drawing = joined(&reading.drawing, tolerance)?;
     }
     // Rounded coordinates of a format that could hold more digits.
-    if given.is_none() && reading.rounding == 0.0
+    if given.is_none()
+        && reading.rounding == 0.0
         && let Some(found) = unrounded(&reading.drawing)
     {
         let text = format!(

@@ -5,9 +5,8 @@
 //! Those between a solid and an empty sector belong to the boundary. An edge exists where two different
 //! surfaces bound a solid sector. Edges are chained to loops on each surface, and loops bound maximal faces.
 
-use super::candidate_surface::{Side, across};
 use super::candidates::Candidate;
-use super::cells::{Cells, is_plain, pieces_in};
+use super::cells::Cells;
 use super::column::SurfaceId;
 use super::edge_splines::{SPLINE_PIECES, TRACED_PIECES, spline, traced_spline};
 use super::intersections::{CurveId, Intersections};
@@ -65,7 +64,7 @@ pub(super) fn boundary<'a>(
         coedges: BTreeMap::new(),
         tolerance: tolerance(cells),
     };
-    builder.ids = builder.used().into_iter().collect();
+    builder.ids = builder.intersections.used(|cell| assignment.get(&cell) == Some(&state));
     builder.surfaces = builder.ids.iter().map(|id| builder.intersections.surface(*id)).collect();
     builder.make_edges();
     // Before faces are made: lines along which faces touch must be cut into the loops first.
@@ -79,162 +78,6 @@ pub(super) fn boundary<'a>(
 impl BoundaryBuilder<'_, '_> {
     pub(super) fn is_solid(&self, p: DVec3) -> bool {
         self.assignment.get(&self.cells.at(p)) == Some(&self.state)
-    }
-
-    /// True if a wall, or a piece other than `but`, is nearer to a point of a box than `near`.
-    fn touched(&self, p: DVec3, cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
-        let plan = self.cells.plan;
-        let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
-            let axes = view.kind.axes();
-            pieces_in(plan, v, cell)
-                .iter()
-                .any(|&n| but != Some((v, n)) && view.profile(n).value([p[axes[0]], p[axes[1]]]).abs() < near)
-        });
-        by_piece || self.touched_by_wall(p, cell, near, None)
-    }
-
-    /// True if a wall other than `but` is nearer to a point of a box than `near`.
-    fn touched_by_wall(&self, p: DVec3, cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
-        let plan = self.cells.plan;
-        let mut walls = plan.walls_in(cell).iter().filter(|w| Some(w.0) != but);
-        walls.any(|&(wall, side)| plan.walls[wall as usize].is_near(side, p, near))
-    }
-
-    /// True if a wall has different states on its two sides anywhere in a box.
-    fn is_wall_used(&self, cell: [usize; 3], (index, side): (u16, Side), step: f64) -> bool {
-        const SAMPLES: [f64; 7] = [0.02, 0.13, 0.33, 0.52, 0.71, 0.88, 0.97];
-        let wall = &self.cells.plan.walls[index as usize];
-        let (lo, hi) = self.cells.plan.bounds(cell);
-        for along_axis in 0..3 {
-            let [a, b] = across(along_axis);
-            for s in SAMPLES {
-                for t in SAMPLES {
-                    let mut p = DVec3::ZERO;
-                    p[a] = lo[a] + s * (hi[a] - lo[a]);
-                    p[b] = lo[b] + t * (hi[b] - lo[b]);
-                    for depth in wall.crossings(side, along_axis, p, 0.0) {
-                        p[along_axis] = depth;
-                        // Points near the side of the box, or near another surface, are skipped: their
-                        // states may differ because of that surface.
-                        let inside = (0..3).all(|k| p[k] > lo[k] + 2.0 * step && p[k] < hi[k] - 2.0 * step);
-                        if !inside || self.touched_but(p, cell, 3.0 * step, index) {
-                            continue;
-                        }
-                        let n = wall.normal(p);
-                        if self.is_solid(p + step * n) != self.is_solid(p - step * n) {
-                            return true;
-                        }
-                    }
-                }
-            }
-        }
-        false
-    }
-
-    /// True if a piece, or a wall other than `wall`, is nearer to a point of a box than `near`.
-    fn touched_but(&self, p: DVec3, cell: [usize; 3], near: f64, wall: u16) -> bool {
-        let plan = self.cells.plan;
-        let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
-            let axes = view.kind.axes();
-            let at = [p[axes[0]], p[axes[1]]];
-            pieces_in(plan, v, cell).iter().any(|&n| view.profile(n).value(at).abs() < near)
-        });
-        by_piece || self.touched_by_wall(p, cell, near, Some(wall))
-    }
-
-    /// Surfaces with different states on their two sides anywhere.
-    ///
-    /// Only sample points are tested. A used surface that no sample finds leaves loops of its neighbours
-    /// open, which is reported as an error.
-    fn used(&self) -> BTreeSet<SurfaceId> {
-        let plan = self.cells.plan;
-        let n = [0, 1, 2].map(|a| plan.intervals(a));
-        let mut used = BTreeSet::new();
-        // The step across a surface: above rounding, and small against the details of a drawing.
-        let step = 1e-6 * plan.size;
-        for i in 0..n[0] {
-            for j in 0..n[1] {
-                for k in 0..n[2] {
-                    let cell = [i, j, k];
-                    let (lo, hi) = plan.bounds(cell);
-                    let at = |shares: [f64; 3]| lo + (hi - lo) * DVec3::from_array(shares);
-                    let plain = is_plain(plan, cell);
-                    let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
-                    for axis in (0..3).filter(|a| cell[*a] > 0) {
-                        let id = SurfaceId::Grid(axis, cell[axis]);
-                        // One place is enough, so most boxes cost a look-up only.
-                        if used.contains(&id) {
-                            continue;
-                        }
-                        for s in samples {
-                            for t in samples {
-                                let mut shares = [*s; 3];
-                                shares[(axis + 1) % 3] = *t;
-                                shares[axis] = 0.0;
-                                let mut p = at(shares);
-                                // Not farther than a tenth of a thin box, to stay within it.
-                                let back = step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
-                                let mut before = cell;
-                                before[axis] -= 1;
-                                if self.touched(p, cell, 3.0 * step, None)
-                                    || self.touched(p, before, 3.0 * step, None)
-                                {
-                                    continue;
-                                }
-                                p[axis] += step.min(0.1 * (hi[axis] - lo[axis]));
-                                let is_inside = self.is_solid(p);
-                                p[axis] = lo[axis] - back;
-                                if is_inside != self.is_solid(p) {
-                                    used.insert(id);
-                                }
-                            }
-                        }
-                    }
-                    for &found in plan.walls_in(cell) {
-                        let id = SurfaceId::Wall(found.0 as usize);
-                        if !used.contains(&id) && self.is_wall_used(cell, found, step) {
-                            used.insert(id);
-                        }
-                    }
-                    for v in 0..plan.views.len() {
-                        let axes = plan.views[v].kind.axes();
-                        for &piece in pieces_in(plan, v, cell) {
-                            let found = &plan.views[v].pieces[piece as usize];
-                            let id = SurfaceId::Carrier(v, found.carrier);
-                            let profile = plan.views[v].profile(piece);
-                            for s in [0.07, 0.31, 0.53, 0.71, 0.94] {
-                                let m = profile.point(found.from + (found.to - found.from) * s);
-                                let normal = profile.normal(m);
-                                for t in samples {
-                                    let mut on = at([*t; 3]);
-                                    (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
-                                    // Near a side of the box, the point across the piece may be in another
-                                    // box.
-                                    let adjacent = (0..2).any(|k| {
-                                        let a = axes[k];
-                                        let room = (m[k] - lo[a]).min(hi[a] - m[k]);
-                                        room < 2.0 * step * normal[k].abs() && hi[a] - lo[a] > 20.0 * step
-                                    });
-                                    if adjacent || self.touched(on, cell, 3.0 * step, Some((v, piece))) {
-                                        continue;
-                                    }
-                                    let side = |sign: f64| {
-                                        let mut p = at([*t; 3]);
-                                        p[axes[0]] = m[0] + sign * step * normal[0];
-                                        p[axes[1]] = m[1] + sign * step * normal[1];
-                                        self.is_solid(p)
-                                    };
-                                    if !used.contains(&id) && side(1.0) != side(-1.0) {
-                                        used.insert(id);
-                                    }
-                                }
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        used
     }
 
     /// Intersects all pairs of used surfaces and cuts the curves at all third surfaces.

@@ -3,8 +3,9 @@
 //! Input: the surfaces of a grid. Output: each intersection, computed when it is first asked for. The search
 //! makes boundaries of up to 32 solids from the same candidates, and most of their surfaces are the same.
 
+use super::adjacent::AdjacentCells;
 use super::boundary::tolerance;
-use super::candidates::{Candidate, corners, curves};
+use super::candidates::{Candidate, Samples, corners, curves};
 use super::cells::Cells;
 use super::column::SurfaceId;
 use super::surfaces::Meeting;
@@ -28,8 +29,10 @@ pub(super) struct Intersections<'a> {
     /// Distance below which points are equal.
     tolerance: f64,
     bounds: [[f64; 2]; 3],
+    adjacent: Option<AdjacentCells>,
     surfaces: HashMap<SurfaceId, Rc<Candidate>>,
     curves: HashMap<[SurfaceId; 2], Rc<[Meeting]>>,
+    samples: HashMap<CurveId, Rc<Samples>>,
     cuts: HashMap<(CurveId, Option<SurfaceId>), Cuts>,
     edges: HashMap<(CurveId, IntervalKey), EdgeCurve>,
 }
@@ -40,8 +43,24 @@ impl<'a> Intersections<'a> {
             let grid = &cells.plan.grid[a];
             [grid[0], grid[grid.len() - 1]]
         });
-        let (surfaces, curves, cuts, edges) = Default::default();
-        Self { cells, tolerance: tolerance(cells), bounds, surfaces, curves, cuts, edges }
+        let (surfaces, curves, samples, cuts, edges) = Default::default();
+        Self {
+            cells,
+            tolerance: tolerance(cells),
+            bounds,
+            adjacent: None,
+            surfaces,
+            curves,
+            samples,
+            cuts,
+            edges,
+        }
+    }
+
+    /// The surfaces with a cell on one side that is solid, and one on the other side that is not; ascending.
+    pub(super) fn used(&mut self, is_solid: impl Fn(u32) -> bool) -> Vec<SurfaceId> {
+        let cells = self.cells;
+        self.adjacent.get_or_insert_with(|| AdjacentCells::new(cells)).used(is_solid)
     }
 
     /// A candidate surface.
@@ -62,7 +81,12 @@ impl<'a> Intersections<'a> {
     }
 
     /// The points of a curve at which a third surface cuts it, or else those at which it ends.
-    pub(super) fn cuts(&mut self, (pair, index): CurveId, meeting: &Meeting, third: Option<SurfaceId>) -> Cuts {
+    pub(super) fn cuts(
+        &mut self,
+        (pair, index): CurveId,
+        meeting: &Meeting,
+        third: Option<SurfaceId>,
+    ) -> Cuts {
         let key = ((pair, index), third);
         if let Some(known) = self.cuts.get(&key) {
             return known.clone();
@@ -71,7 +95,10 @@ impl<'a> Intersections<'a> {
             None => meeting.ends.clone(),
             Some(third) => {
                 let three = [pair[0], pair[1], third].map(|id| self.surface(id));
-                corners([&three[0], &three[1], &three[2]], &meeting.curve, self.bounds, self.tolerance)
+                let (curve, bounds) = (&meeting.curve, self.bounds);
+                let known = self.samples.entry((pair, index));
+                let samples = || known.or_insert_with(|| Rc::new(Samples::new(curve, bounds))).clone();
+                corners([&three[0], &three[1], &three[2]], curve, samples, self.tolerance)
             }
         };
         // Surfaces are unbounded, so most points lie outside of the drawing, where all is empty.

@@ -11,6 +11,7 @@
 //! the next, becomes one value.
 
 use super::relations::{Coordinates, conditions};
+use super::tidy;
 use crate::drawing::{Curve2, Drawing, ViewContent};
 use planish_estimate::{Error, Result, adjusted_without_conflicts};
 use std::f64::consts::{PI, TAU};
@@ -19,9 +20,13 @@ use std::f64::consts::{PI, TAU};
 const MISMATCHES: [f64; 4] = [2e-7, 2e-5, 2e-4, 2e-3];
 /// Maximum residual of a condition that is met, relative to the size. The search needs 1e-7.
 const SOLVED: f64 = 1e-11;
-/// Steps of rounded coordinates that are recognised, in the unit of the drawing: coordinates with three to
-/// five decimals, and half and double of them on sheets of other scales.
-const STEPS: [f64; 9] = [2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6];
+/// Steps of rounded coordinates that are recognised, in the unit of the drawing: three to five decimals.
+const STEPS: [f64; 3] = [1e-3, 1e-4, 1e-5];
+/// The steps of sheets in other scales, 1:2 and 2:1. They are recognised if [`MIN_OTHER`] different values are
+/// no multiples of [`DESIGNED`]: a few values with four decimals may also be multiples of 0.0005.
+const OTHER_STEPS: [f64; 4] = [2e-3, 5e-4, 2e-4, 5e-5];
+/// See [`OTHER_STEPS`].
+const MIN_OTHER: usize = 6;
 /// Coordinates that are multiples of this are taken as designed, not as rounded.
 const DESIGNED: f64 = 1e-2;
 /// Maximum step relative to the size. Coarser drawings may be exact.
@@ -29,6 +34,9 @@ const MAX_STEP: f64 = 2e-5;
 /// Rounded coordinates of a value differ by at most this many steps: each has an error of half a step, and so
 /// has the corner of its view.
 const JOINED_STEPS: f64 = 4.0;
+/// Maximum distance of a fragment from the curve on which it lies, in tolerances: both have errors. Fragments of
+/// Open Cascade with four decimals were up to 1.2 tolerances off.
+const FRAGMENT_ERROR: f64 = 2.0;
 /// Changes that the search does not need, relative to the size and as a length (six decimals).
 const NEGLIGIBLE: [f64; 2] = [1e-7, 2e-6];
 
@@ -131,13 +139,20 @@ pub struct Unrounded {
 /// Makes a drawing with rounded coordinates consistent; `None` if its coordinates are not rounded, or if they
 /// are consistent as they are.
 ///
-/// Coordinates are rounded if all of them are multiples of a step of 5e-6 to 2e-3, but not of 0.01, and if
-/// the step is at most 2e-5 of the size. The result is that of [`joined`] with a tolerance of four steps.
+/// Coordinates are rounded if all of them are multiples of a step of 1e-5 to 2e-3, but not of 0.01, and if
+/// the step is at most 2e-5 of the size. The result is that of [`joined`] with a tolerance of four steps, without
+/// lines that are shorter, and without fragments that lie on other curves.
 /// Differences of a drawing that rounding explains are lost.
 #[must_use]
 pub fn unrounded(drawing: &Drawing) -> Option<Unrounded> {
     let (size, step) = (drawing.size(), coordinate_step(drawing)?);
-    let joined = joined(drawing, JOINED_STEPS * step).ok()?;
+    let tolerance = JOINED_STEPS * step;
+    // Fragments of intersection curves are as short as their errors and have no direction.
+    let mut drawing = tidy::defragmented(drawing, FRAGMENT_ERROR * tolerance);
+    for view in &mut drawing.views {
+        view.curves.retain(|drawn| drawn.curve.length() > tolerance);
+    }
+    let joined = joined(&drawing, tolerance).ok()?;
     let curves = |drawing: &Drawing| -> Vec<Curve2> {
         drawing.views.iter().flat_map(|v| &v.curves).map(|c| c.curve.clone()).collect()
     };
@@ -145,7 +160,7 @@ pub fn unrounded(drawing: &Drawing) -> Option<Unrounded> {
         let (a, b) = (a.points(), b.points());
         a.iter().zip(&b).map(|(p, q)| crate::drawing::distance(*p, *q)).fold(0.0, f64::max)
     };
-    let change = curves(drawing).iter().zip(&curves(&joined)).map(moved).fold(0.0, f64::max);
+    let change = curves(&drawing).iter().zip(&curves(&joined)).map(moved).fold(0.0, f64::max);
     (change > NEGLIGIBLE[0] * size + NEGLIGIBLE[1]).then_some(Unrounded { drawing: joined, step, change })
 }
 
@@ -170,12 +185,21 @@ fn coordinate_step(drawing: &Drawing) -> Option<f64> {
     }
     let size = drawing.size();
     // Values are differences of numbers that may be far from the origin of the sheet.
-    let is_multiple = |v: &f64, step: f64| (v / step - (v / step).round()).abs() * step <= 1e-11 * size + 1e-12;
+    let is_multiple =
+        |v: &f64, step: f64| (v / step - (v / step).round()).abs() * step <= 1e-11 * size + 1e-12;
     let has_step = |step: f64| values.iter().all(|v| is_multiple(v, step));
-    match has_step(DESIGNED) {
-        true => None,
-        false => STEPS.into_iter().filter(|step| *step <= MAX_STEP * size).find(|step| has_step(*step)),
+    let mut others: Vec<i64> = (values.iter().filter(|v| !is_multiple(v, DESIGNED)))
+        .map(|v| (v / (MAX_STEP * size)).round() as i64)
+        .collect();
+    others.sort_unstable();
+    others.dedup();
+    let mut steps: Vec<f64> = STEPS.to_vec();
+    if others.len() >= MIN_OTHER {
+        steps.extend(OTHER_STEPS);
     }
+    steps.sort_by(|a, b| b.total_cmp(a));
+    let is_found = |step: &f64| *step <= MAX_STEP * size && has_step(*step);
+    steps.into_iter().find(is_found).filter(|_| !others.is_empty())
 }
 
 /// Coordinates of each axis, of ends of lines, and of centres and extremes of circles.
@@ -218,7 +242,6 @@ pub fn coordinate_mismatches(drawing: &Drawing) -> Vec<f64> {
     }
     largest.into_iter().filter(|gap| *gap > 0.0).collect()
 }
-
 
 #[cfg(test)]
 mod tests {

@@ -21,6 +21,11 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Standard deviation of a value, relative to the tolerance.
 const SIGMA: f64 = 0.1;
+/// Factor of the standard deviation of designed values, which are multiples of 0.01: they are exact, and the
+/// error is in the others. One of a hundred values with four decimals is such a multiple by chance.
+const DESIGNED_SIGMA: f64 = 0.01;
+/// Factor of the standard deviation of values that only follow from circles.
+const DERIVED_SIGMA: f64 = 10.0;
 /// Maximum residual of a condition in standard deviations. Of values with uniform errors it is at most about
 /// 4.2; a larger limit would bend lines and circles together that only nearly touch.
 const GATE: f64 = 4.0;
@@ -73,16 +78,21 @@ impl Coordinates {
             }
         }
         let both = drawn.into_iter().zip(derived);
-        let groups: Vec<Vec<Group>> = both.map(|(drawn, derived)| grouped(drawn, derived, tolerance)).collect();
+        let groups: Vec<Vec<Group>> =
+            both.map(|(drawn, derived)| grouped(drawn, derived, tolerance)).collect();
         let groups: [Vec<Group>; 4] = groups.try_into().unwrap_or_default();
         let values = groups.iter().flatten().map(|g| g.value).collect();
         Self { groups, values, tolerance }
     }
 
-    /// Standard deviations of the values: those that are drawn several times change less.
+    /// Standard deviations of the values: those that are designed or drawn several times change less.
     pub(super) fn sigmas(&self) -> Vec<f64> {
-        let sigma = |g: &Group| SIGMA * self.tolerance / if g.count > 0 { (g.count as f64).sqrt() } else { 0.1 };
-        self.groups.iter().flatten().map(sigma).collect()
+        let factor = |g: &Group| match g.count {
+            0 => DERIVED_SIGMA,
+            n if is_designed(g.value) => DESIGNED_SIGMA / (n as f64).sqrt(),
+            n => 1.0 / (n as f64).sqrt(),
+        };
+        self.groups.iter().flatten().map(|g| SIGMA * self.tolerance * factor(g)).collect()
     }
 
     /// The number of a value of an axis (3 for radii) within the tolerance.
@@ -112,6 +122,11 @@ impl Coordinates {
         let residual = condition(&self.values).0;
         (1e-6..MAX_GROWTH * MAX_GROWTH).contains(&growth) && residual * residual <= limit * limit * growth
     }
+}
+
+/// Whether a value is a multiple of 0.01.
+fn is_designed(value: f64) -> bool {
+    (100.0 * value - (100.0 * value).round()).abs() < 1e-6
 }
 
 /// The start and the end of an arc that is no whole circle.
@@ -340,7 +355,8 @@ fn contacts(
         let length = distance(a, b);
         for circle in curves.circles.keys() {
             let center = [circle[0], circle[1]];
-            let ends: Vec<&Point> = line.iter().filter(|end| on_circles.contains(&(**end, *circle))).collect();
+            let ends: Vec<&Point> =
+                line.iter().filter(|end| on_circles.contains(&(**end, *circle))).collect();
             // A line from end to end of a circle is a chord.
             if let [end] = ends[..] {
                 add(tangent_at(*end, center, *line));
@@ -486,6 +502,10 @@ mod tests {
         let found = joined(&drawing, 4e-4).unwrap();
         let [disc, notch] = [0, 1].map(|k| found.views[0].curves[k].curve.points());
         assert!(distance(disc[0], notch[0]).min(distance(disc[0], notch[notch.len() - 1])) < 1e-9);
-        assert!(distance(disc[disc.len() - 1], notch[0]).min(distance(disc[disc.len() - 1], notch[notch.len() - 1])) < 1e-9);
+        assert!(
+            distance(disc[disc.len() - 1], notch[0])
+                .min(distance(disc[disc.len() - 1], notch[notch.len() - 1]))
+                < 1e-9
+        );
     }
 }
