@@ -105,7 +105,8 @@ fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[DVec3]) -> Vec<Meeting> {
 pub(super) struct Samples {
     parameters: Vec<f64>,
     points: Vec<DVec3>,
-    /// For each sample, the length along the curve to the farther neighbour, or more; infinite if it is unknown.
+    /// For each sample, the length along the curve to the farther neighbour, or more; infinite if it is
+    /// unknown.
     lengths: Vec<f64>,
 }
 

@@ -4,8 +4,8 @@
 //! at most the tolerance apart have the same value in all views: ends of lines, centres and extremes of
 //! circles. Radii that are at most the tolerance apart are equal. Points along other curves are not changed.
 //!
-//! Rounded values are inconsistent: the end of a slanted line is not on the circle that it touches. The values
-//! are changed as little as possible so that such conditions hold ([`super::relations`]).
+//! Rounded values are inconsistent: the end of a slanted line is not on the circle that it touches. The
+//! values are changed as little as possible so that such conditions hold ([`super::relations`]).
 //!
 //! Not guaranteed: different coordinates may become equal. A sequence of values, each within the tolerance of
 //! the next, becomes one value.
@@ -22,8 +22,8 @@ const MISMATCHES: [f64; 4] = [2e-7, 2e-5, 2e-4, 2e-3];
 const SOLVED: f64 = 1e-11;
 /// Steps of rounded coordinates that are recognised, in the unit of the drawing: three to five decimals.
 const STEPS: [f64; 3] = [1e-3, 1e-4, 1e-5];
-/// The steps of sheets in other scales, 1:2 and 2:1. They are recognised if [`MIN_OTHER`] different values are
-/// no multiples of [`DESIGNED`]: a few values with four decimals may also be multiples of 0.0005.
+/// The steps of sheets in other scales, 1:2 and 2:1. They are recognised if [`MIN_OTHER`] different values
+/// are no multiples of [`DESIGNED`]: a few values with four decimals may also be multiples of 0.0005.
 const OTHER_STEPS: [f64; 4] = [2e-3, 5e-4, 2e-4, 5e-5];
 /// See [`OTHER_STEPS`].
 const MIN_OTHER: usize = 6;
@@ -34,8 +34,8 @@ const MAX_STEP: f64 = 2e-5;
 /// Rounded coordinates of a value differ by at most this many steps: each has an error of half a step, and so
 /// has the corner of its view.
 const JOINED_STEPS: f64 = 4.0;
-/// Maximum distance of a fragment from the curve on which it lies, in tolerances: both have errors. Fragments of
-/// Open Cascade with four decimals were up to 1.2 tolerances off.
+/// Maximum distance of a fragment from the curve on which it lies, in tolerances: both have errors. Fragments
+/// of Open Cascade with four decimals were up to 1.2 tolerances off.
 const FRAGMENT_ERROR: f64 = 2.0;
 /// Changes that the search does not need, relative to the size and as a length (six decimals).
 const NEGLIGIBLE: [f64; 2] = [1e-7, 2e-6];
@@ -140,9 +140,9 @@ pub struct Unrounded {
 /// are consistent as they are.
 ///
 /// Coordinates are rounded if all of them are multiples of a step of 1e-5 to 2e-3, but not of 0.01, and if
-/// the step is at most 2e-5 of the size. The result is that of [`joined`] with a tolerance of four steps, without
-/// lines that are shorter, and without fragments that lie on other curves.
-/// Differences of a drawing that rounding explains are lost.
+/// the step is at most 2e-5 of the size. The result is that of [`joined`] with a tolerance of four steps,
+/// without lines that are shorter, and without fragments that lie on other curves. Differences of a drawing
+/// that rounding explains are lost.
 #[must_use]
 pub fn unrounded(drawing: &Drawing) -> Option<Unrounded> {
     let (size, step) = (drawing.size(), coordinate_step(drawing)?);

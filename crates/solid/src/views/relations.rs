@@ -8,8 +8,8 @@
 //! - a slanted line touches a circle, at its end or between its ends; two circles touch at an end.
 //!
 //! A condition is one that values with errors of a tenth of the tolerance (standard deviation) may meet: its
-//! residual is at most four standard deviations. The tolerance is four steps of rounded values. Each value has
-//! an error of 1/√12 of a step, and so has the corner of its view: 0.41 steps in all.
+//! residual is at most four standard deviations. The tolerance is four steps of rounded values. Each value
+//! has an error of 1/√12 of a step, and so has the corner of its view: 0.41 steps in all.
 //!
 //! Lines along an axis need no conditions of their own: their ends share a coordinate.
 
@@ -413,7 +413,8 @@ mod tests {
         segment(a.map(rounded), b.map(rounded), LineStyle::Visible)
     }
 
-    /// A lever of height 8 between two round ends, displaced by an arbitrary corner; rounded to four decimals.
+    /// A lever of height 8 between two round ends, displaced by an arbitrary corner; rounded to four
+    /// decimals.
     fn lever() -> (Drawing, f64) {
         let corner = [0.123_456, 0.765_432];
         let at = |p: [f64; 2]| [p[0] + corner[0], p[1] + corner[1]];
