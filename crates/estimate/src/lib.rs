@@ -46,6 +46,7 @@ pub mod sparse;
 
 mod batches;
 mod belief;
+mod conditions;
 mod consistency;
 mod dense;
 mod equation;
@@ -59,6 +60,7 @@ mod variance_components;
 
 pub use batches::{NestedBatches, PairProducts};
 pub use belief::{Belief, Information};
+pub use conditions::{Condition, adjusted, adjusted_without_conflicts, residual_variance};
 pub use consistency::{
     ChiSquareBand, ChiSquareMean, Coverage, Whiteness, chi_square_deviation, normalized_squared, whiteness,
 };

@@ -13,7 +13,6 @@
 //! **Limits.** Details of less than about two line widths are lost.
 
 mod alignment;
-mod consistent;
 mod ends;
 mod fillets;
 mod ink;

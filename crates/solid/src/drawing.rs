@@ -1,5 +1,6 @@
 //! Data model of a drawing: curves with line styles in up to three views, in model coordinates.
 
+pub mod conditions;
 mod content;
 
 pub(crate) use content::spacing_of;

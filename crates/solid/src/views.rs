@@ -28,6 +28,7 @@
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
 
+mod adjacent;
 #[cfg(test)]
 mod body_tests;
 mod boundary;
@@ -40,7 +41,9 @@ mod contradictions;
 mod drawing_grid;
 mod edge_splines;
 mod hatched;
+mod intersections;
 mod joined;
+mod limits;
 mod nearest;
 mod oblique;
 mod oblique_sight;
@@ -50,6 +53,7 @@ mod oblique_wall;
 mod preference;
 mod profile;
 mod quadrics;
+mod relations;
 #[cfg(test)]
 mod ring_tests;
 mod rings;
@@ -77,7 +81,9 @@ pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
-pub use joined::{coordinate_mismatches, joined};
+use intersections::Intersections;
+pub use joined::{Unrounded, coordinate_mismatches, joined, unrounded};
+use limits::{check, check_slanted};
 pub use nearest::{NearestSolid, solve_nearest};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
@@ -104,10 +110,6 @@ const TYPICAL_SIZE: [f64; 2] = [0.1, 1e6];
 ///
 /// Larger: narrow gaps are contacts. Smaller: contacts of inaccurate drawings are missed.
 const CONTACT_DISTANCE: f64 = 2e-5;
-
-/// Maximum number of arcs, and of lines along no axis, in a view. Each is compared with all others, to find
-/// parts of one curve.
-const MAX_SLANTED: usize = 5000;
 
 /// Maximum number of cell assignments that are turned into solids.
 ///
@@ -397,6 +399,7 @@ fn solve_grid(
     let cells = cells::Cells::new(plan)?;
     let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
+    let mut intersections = Intersections::new(&cells);
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
     let found = search::search(
         &cells,
@@ -408,7 +411,7 @@ fn solve_grid(
             if !search::seconds_share_faces(assignment, &sight_tests) {
                 return Vec::new();
             }
-            let solution = match solution(&cells, assignment, scale) {
+            let solution = match solution(&cells, &mut intersections, assignment, scale) {
                 Ok(solution) => Solution { regularity, ..solution },
                 Err(rejected) => {
                     solutions.rejected.push(rejected);
@@ -512,8 +515,9 @@ fn figure(value: f64) -> String {
 }
 
 /// Builds and checks the solid of an assignment. Positions in messages are multiplied by `scale`.
-fn solution(
-    cells: &cells::Cells,
+fn solution<'a>(
+    cells: &'a cells::Cells<'a>,
+    intersections: &mut Intersections<'a>,
     assignment: &search::Assignment,
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
@@ -524,7 +528,7 @@ fn solution(
         if !assignment.values().any(|s| *s == state) {
             continue;
         }
-        let part = boundary::boundary(cells, assignment, state)
+        let part = boundary::boundary(cells, intersections, assignment, state)
             .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
             .map_err(|e| does_not_close(e.to_string()))?;
         // The check accepts a boundary that touches itself, since each part closes; contacts are found
@@ -563,38 +567,4 @@ fn solution(
         regularity: Regularity::Any,
         touches,
     })
-}
-
-/// Rejects views with more than [`MAX_SLANTED`] arcs and lines along no axis, before they are compared with
-/// each other.
-fn check_slanted(drawing: &Drawing) -> Result<()> {
-    let is_slanted = |curve: &Curve2| match curve {
-        Curve2::Segment(a, b) => a[0] != b[0] && a[1] != b[1],
-        Curve2::Arc { .. } => true,
-        Curve2::Chain(_) => false,
-    };
-    let count = |view: &View| view.curves.iter().filter(|c| is_slanted(&c.curve)).count();
-    match drawing.views.iter().find(|view| count(view) > MAX_SLANTED) {
-        Some(view) => Err(Error::unsupported(format!(
-            "the {} view: expected at most {MAX_SLANTED} arcs and lines along no axis, found {}: draw curves \
-             as splines or arcs instead of many short lines",
-            view.kind.name(),
-            count(view)
-        ))),
-        None => Ok(()),
-    }
-}
-
-/// Rejects drawings with fewer than two views or with empty views.
-fn check(drawing: &Drawing) -> Result<()> {
-    if drawing.views.len() < 2 {
-        return Err(Error::input(format!(
-            "expected two or three views, found {}: one view does not determine the third dimension",
-            drawing.views.len()
-        )));
-    }
-    match drawing.views.iter().find(|v| v.curves.is_empty()) {
-        Some(view) => Err(Error::input(format!("the {} view: expected lines, found none", view.kind.name()))),
-        None => Ok(()),
-    }
 }

@@ -12,7 +12,7 @@ use planish_exchange::{Unit, extension, read_drawing};
 use planish_report::numbers::significant;
 use planish_solid::drawing::ViewContent;
 use planish_solid::views::{
-    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined,
+    Curve2, Drawing, DrawnCurve, LineStyle, View, distance, distance_to_segment, joined, unrounded,
 };
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -143,6 +143,21 @@ fn finish(reading: &mut ReadDrawing, unit: Unit, job: &SolidJob) -> Result<()> {
             view.curves.retain(|c| c.curve.length() > tolerance);
         }
         reading.drawing = joined(&reading.drawing, tolerance)?;
+    }
+    // Rounded coordinates of a format that could hold more digits.
+    if given.is_none()
+        && reading.rounding == 0.0
+        && let Some(found) = unrounded(&reading.drawing)
+    {
+        let text = format!(
+            "coordinates are rounded to multiples of {}: lines and circles were moved by up to {}, so that \
+             they meet and touch",
+            significant(found.step, 2),
+            significant(found.change, 2)
+        );
+        let finding = Finding::new(FindingCode::ToleranceEstimated, text);
+        reading.findings.push(finding.with_setting(Setting::Tolerance));
+        reading.drawing = found.drawing;
     }
     if let Some(tolerance) = given {
         reading.drawing = joined(&reading.drawing, tolerance)

@@ -5,11 +5,11 @@
 //! Those between a solid and an empty sector belong to the boundary. An edge exists where two different
 //! surfaces bound a solid sector. Edges are chained to loops on each surface, and loops bound maximal faces.
 
-use super::candidate_surface::{Side, across};
-use super::candidates::{Candidate, corners, curves};
-use super::cells::{Cells, is_plain, pieces_in};
+use super::candidates::Candidate;
+use super::cells::Cells;
 use super::column::SurfaceId;
 use super::edge_splines::{SPLINE_PIECES, TRACED_PIECES, spline, traced_spline};
+use super::intersections::{CurveId, Intersections};
 use super::rings::faces;
 use super::search::{Assignment, CellState};
 use super::surfaces::Curve3;
@@ -19,37 +19,53 @@ use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
+use std::rc::Rc;
 
 /// A boundary under construction.
-pub(super) struct BoundaryBuilder<'a> {
+pub(super) struct BoundaryBuilder<'a, 'b> {
     pub(super) cells: &'a Cells<'a>,
-    assignment: &'a Assignment,
+    intersections: &'b mut Intersections<'a>,
+    assignment: &'b Assignment,
     state: CellState,
-    pub(super) surfaces: Vec<Candidate>,
+    ids: Vec<SurfaceId>,
+    pub(super) surfaces: Vec<Rc<Candidate>>,
     pub(super) solid: Solid,
     /// Coedges by surface, and by whether the face's outward normal is the surface's normal.
     ///
     /// A surface may bound the solid on either side in different places; these are different faces.
     pub(super) coedges: BTreeMap<(usize, bool), Vec<Coedge>>,
-    /// Distance below which points are equal: five times that of the grid, as intersections amplify rounding.
+    /// Distance below which points are equal.
     pub(super) tolerance: f64,
+}
+
+/// Distance below which points are equal: five times that of the grid, as intersections amplify rounding.
+pub(super) fn tolerance(cells: &Cells) -> f64 {
+    5.0 * cells.plan.tolerance
 }
 
 /// Builds the boundary of the cells that have a state.
 ///
 /// # Errors
 /// `Input` if the boundary does not close.
-pub(super) fn boundary(cells: &Cells, assignment: &Assignment, state: CellState) -> Result<Solid> {
+pub(super) fn boundary<'a>(
+    cells: &'a Cells<'a>,
+    intersections: &mut Intersections<'a>,
+    assignment: &Assignment,
+    state: CellState,
+) -> Result<Solid> {
     let mut builder = BoundaryBuilder {
         cells,
+        intersections,
         assignment,
         state,
+        ids: Vec::new(),
         surfaces: Vec::new(),
         solid: Solid::default(),
         coedges: BTreeMap::new(),
-        tolerance: 5.0 * cells.plan.tolerance,
+        tolerance: tolerance(cells),
     };
-    builder.surfaces = builder.used().into_iter().map(|id| Candidate::new(cells, id)).collect();
+    builder.ids = builder.intersections.used(|cell| assignment.get(&cell) == Some(&state));
+    builder.surfaces = builder.ids.iter().map(|id| builder.intersections.surface(*id)).collect();
     builder.make_edges();
     // Before faces are made: lines along which faces touch must be cut into the loops first.
     builder.part_touching_faces()?;
@@ -59,200 +75,34 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment, state: CellState)
     Ok(builder.solid)
 }
 
-impl BoundaryBuilder<'_> {
+impl BoundaryBuilder<'_, '_> {
     pub(super) fn is_solid(&self, p: DVec3) -> bool {
         self.assignment.get(&self.cells.at(p)) == Some(&self.state)
-    }
-
-    /// True if a wall, or a piece other than `but`, is nearer to a point of a box than `near`.
-    fn touched(&self, p: DVec3, cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
-        let plan = self.cells.plan;
-        let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
-            let axes = view.kind.axes();
-            pieces_in(plan, v, cell)
-                .iter()
-                .any(|&n| but != Some((v, n)) && view.profile(n).value([p[axes[0]], p[axes[1]]]).abs() < near)
-        });
-        by_piece || self.touched_by_wall(p, cell, near, None)
-    }
-
-    /// True if a wall other than `but` is nearer to a point of a box than `near`.
-    fn touched_by_wall(&self, p: DVec3, cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
-        let plan = self.cells.plan;
-        let mut walls = plan.walls_in(cell).iter().filter(|w| Some(w.0) != but);
-        walls.any(|&(wall, side)| plan.walls[wall as usize].is_near(side, p, near))
-    }
-
-    /// True if a wall has different states on its two sides anywhere in a box.
-    fn is_wall_used(&self, cell: [usize; 3], (index, side): (u16, Side), step: f64) -> bool {
-        const SAMPLES: [f64; 7] = [0.02, 0.13, 0.33, 0.52, 0.71, 0.88, 0.97];
-        let wall = &self.cells.plan.walls[index as usize];
-        let (lo, hi) = self.cells.plan.bounds(cell);
-        for along_axis in 0..3 {
-            let [a, b] = across(along_axis);
-            for s in SAMPLES {
-                for t in SAMPLES {
-                    let mut p = DVec3::ZERO;
-                    p[a] = lo[a] + s * (hi[a] - lo[a]);
-                    p[b] = lo[b] + t * (hi[b] - lo[b]);
-                    for depth in wall.crossings(side, along_axis, p, 0.0) {
-                        p[along_axis] = depth;
-                        // Points near the side of the box, or near another surface, are skipped: their
-                        // states may differ because of that surface.
-                        let inside = (0..3).all(|k| p[k] > lo[k] + 2.0 * step && p[k] < hi[k] - 2.0 * step);
-                        if !inside || self.touched_but(p, cell, 3.0 * step, index) {
-                            continue;
-                        }
-                        let n = wall.normal(p);
-                        if self.is_solid(p + step * n) != self.is_solid(p - step * n) {
-                            return true;
-                        }
-                    }
-                }
-            }
-        }
-        false
-    }
-
-    /// True if a piece, or a wall other than `wall`, is nearer to a point of a box than `near`.
-    fn touched_but(&self, p: DVec3, cell: [usize; 3], near: f64, wall: u16) -> bool {
-        let plan = self.cells.plan;
-        let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
-            let axes = view.kind.axes();
-            let at = [p[axes[0]], p[axes[1]]];
-            pieces_in(plan, v, cell).iter().any(|&n| view.profile(n).value(at).abs() < near)
-        });
-        by_piece || self.touched_by_wall(p, cell, near, Some(wall))
-    }
-
-    /// Surfaces with different states on their two sides anywhere.
-    ///
-    /// Only sample points are tested. A used surface that no sample finds leaves loops of its neighbours
-    /// open, which is reported as an error.
-    fn used(&self) -> BTreeSet<SurfaceId> {
-        let plan = self.cells.plan;
-        let n = [0, 1, 2].map(|a| plan.intervals(a));
-        let mut used = BTreeSet::new();
-        // The step across a surface: above rounding, and small against the details of a drawing.
-        let step = 1e-6 * plan.size;
-        for i in 0..n[0] {
-            for j in 0..n[1] {
-                for k in 0..n[2] {
-                    let cell = [i, j, k];
-                    let (lo, hi) = plan.bounds(cell);
-                    let at = |shares: [f64; 3]| lo + (hi - lo) * DVec3::from_array(shares);
-                    let plain = is_plain(plan, cell);
-                    let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
-                    for axis in (0..3).filter(|a| cell[*a] > 0) {
-                        let id = SurfaceId::Grid(axis, cell[axis]);
-                        // One place is enough, so most boxes cost a look-up only.
-                        if used.contains(&id) {
-                            continue;
-                        }
-                        for s in samples {
-                            for t in samples {
-                                let mut shares = [*s; 3];
-                                shares[(axis + 1) % 3] = *t;
-                                shares[axis] = 0.0;
-                                let mut p = at(shares);
-                                // Not farther than a tenth of a thin box, to stay within it.
-                                let back = step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
-                                let mut before = cell;
-                                before[axis] -= 1;
-                                if self.touched(p, cell, 3.0 * step, None)
-                                    || self.touched(p, before, 3.0 * step, None)
-                                {
-                                    continue;
-                                }
-                                p[axis] += step.min(0.1 * (hi[axis] - lo[axis]));
-                                let is_inside = self.is_solid(p);
-                                p[axis] = lo[axis] - back;
-                                if is_inside != self.is_solid(p) {
-                                    used.insert(id);
-                                }
-                            }
-                        }
-                    }
-                    for &found in plan.walls_in(cell) {
-                        let id = SurfaceId::Wall(found.0 as usize);
-                        if !used.contains(&id) && self.is_wall_used(cell, found, step) {
-                            used.insert(id);
-                        }
-                    }
-                    for v in 0..plan.views.len() {
-                        let axes = plan.views[v].kind.axes();
-                        for &piece in pieces_in(plan, v, cell) {
-                            let found = &plan.views[v].pieces[piece as usize];
-                            let id = SurfaceId::Carrier(v, found.carrier);
-                            let profile = plan.views[v].profile(piece);
-                            for s in [0.07, 0.31, 0.53, 0.71, 0.94] {
-                                let m = profile.point(found.from + (found.to - found.from) * s);
-                                let normal = profile.normal(m);
-                                for t in samples {
-                                    let mut on = at([*t; 3]);
-                                    (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
-                                    // Near a side of the box, the point across the piece may be in another
-                                    // box.
-                                    let adjacent = (0..2).any(|k| {
-                                        let a = axes[k];
-                                        let room = (m[k] - lo[a]).min(hi[a] - m[k]);
-                                        room < 2.0 * step * normal[k].abs() && hi[a] - lo[a] > 20.0 * step
-                                    });
-                                    if adjacent || self.touched(on, cell, 3.0 * step, Some((v, piece))) {
-                                        continue;
-                                    }
-                                    let side = |sign: f64| {
-                                        let mut p = at([*t; 3]);
-                                        p[axes[0]] = m[0] + sign * step * normal[0];
-                                        p[axes[1]] = m[1] + sign * step * normal[1];
-                                        self.is_solid(p)
-                                    };
-                                    if !used.contains(&id) && side(1.0) != side(-1.0) {
-                                        used.insert(id);
-                                    }
-                                }
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        used
     }
 
     /// Intersects all pairs of used surfaces and cuts the curves at all third surfaces.
     fn make_edges(&mut self) {
         let n = self.surfaces.len();
-        let bounds = [0, 1, 2].map(|a| {
-            let grid = &self.cells.plan.grid[a];
-            [grid[0], grid[grid.len() - 1]]
-        });
         for s in 0..n {
             for t in s + 1..n {
-                for meeting in
-                    curves(&self.surfaces[s], &self.surfaces[t], self.cells.plan.size, self.tolerance)
-                {
-                    let mut points = meeting.ends.clone();
+                let ids = [self.ids[s], self.ids[t]];
+                for (index, meeting) in self.intersections.curves(ids).iter().enumerate() {
+                    let id = (ids, index);
+                    let mut cuts = self.intersections.cuts(id, meeting, None).to_vec();
                     for u in (0..n).filter(|u| *u != s && *u != t) {
-                        let three = [s, t, u].map(|k| &self.surfaces[k]);
-                        points.extend(corners(three, &meeting.curve, bounds, self.tolerance));
+                        cuts.extend_from_slice(&self.intersections.cuts(id, meeting, Some(self.ids[u])));
                     }
-                    // Surfaces are unbounded, so most points lie outside of the drawing, where all is empty.
-                    points.retain(|p| (0..3).all(|a| p[a] > bounds[a][0] && p[a] < bounds[a][1]));
-                    self.cut(&meeting.curve, points, [s, t]);
+                    self.cut(id, &meeting.curve, cuts, [s, t]);
                 }
             }
         }
     }
 
     /// Cuts a curve at points and keeps the intervals that are edges.
-    fn cut(&mut self, curve: &Curve3, points: Vec<DVec3>, pair: [usize; 2]) {
+    fn cut(&mut self, id: CurveId, curve: &Curve3, points: Vec<(f64, DVec3)>, pair: [usize; 2]) {
         let near = self.tolerance;
         let mut cuts: Vec<(f64, DVec3)> = Vec::new();
-        for p in points {
-            let Some(t) = curve.parameter(p, near) else {
-                continue;
-            };
+        for (t, p) in points {
             // Several surfaces may pass through one vertex, and each finds it with its own rounding.
             if !cuts.iter().any(|c| (c.1 - p).length() < 20.0 * near) {
                 cuts.push((t, p));
@@ -261,16 +111,17 @@ impl BoundaryBuilder<'_> {
         cuts.sort_by(|a, b| a.0.total_cmp(&b.0));
         let period = curve.period();
         if let (Some(period), true) = (period, cuts.is_empty()) {
-            self.add_stretch(curve, [0.0, period], None, pair);
+            self.add_stretch((id, curve), [0.0, period], None, pair);
             return;
         }
         for k in 0..cuts.len() {
             let (from, p) = cuts[k];
             match cuts.get(k + 1) {
-                Some((to, q)) => self.add_stretch(curve, [from, *to], Some([p, *q]), pair),
+                Some((to, q)) => self.add_stretch((id, curve), [from, *to], Some([p, *q]), pair),
                 None => {
                     if let Some(period) = period {
-                        self.add_stretch(curve, [from, cuts[0].0 + period], Some([p, cuts[0].1]), pair);
+                        let range = [from, cuts[0].0 + period];
+                        self.add_stretch((id, curve), range, Some([p, cuts[0].1]), pair);
                     }
                 }
             }
@@ -281,7 +132,13 @@ impl BoundaryBuilder<'_> {
     ///
     /// The states around the middle decide: no other surface crosses an interval between two cuts. Several
     /// wedges (where the solid touches itself) give several coincident edges.
-    fn add_stretch(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[DVec3; 2]>, pair: [usize; 2]) {
+    fn add_stretch(
+        &mut self,
+        (id, curve): (CurveId, &Curve3),
+        range: [f64; 2],
+        ends: Option<[DVec3; 2]>,
+        pair: [usize; 2],
+    ) {
         let middle = (range[0] + range[1]) / 2.0;
         let m = curve.point(middle);
         // By central differences, as curves of all kinds have points but not all have derivatives.
@@ -326,7 +183,7 @@ impl BoundaryBuilder<'_> {
             if a.1 == b.1 || !is_pair {
                 continue;
             }
-            let edge = self.add_edge(curve, range, ends);
+            let edge = self.add_edge((id, curve), range, ends);
             for (half, begins) in [(a, true), (b, false)] {
                 let (sin, cos) = half.0.sin_cos();
                 let w = DVec3::ZERO + cos * e1 + sin * e2;
@@ -383,7 +240,12 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    fn add_edge(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[DVec3; 2]>) -> usize {
+    fn add_edge(
+        &mut self,
+        (id, curve): (CurveId, &Curve3),
+        range: [f64; 2],
+        ends: Option<[DVec3; 2]>,
+    ) -> usize {
         let [start, end] = match ends {
             Some([p, q]) => [self.vertex(p), self.vertex(q)],
             None => [self.vertex(curve.point(range[0])); 2],
@@ -401,9 +263,12 @@ impl BoundaryBuilder<'_> {
                     range.map(|t| t - PI / 2.0),
                 ),
             },
-            Curve3::Branch { .. } => (spline(curve, range), [0.0, SPLINE_PIECES as f64]),
+            Curve3::Branch { .. } => {
+                let curve = self.intersections.edge(id, range, ends, || spline(curve, range));
+                (curve, [0.0, SPLINE_PIECES as f64])
+            }
             Curve3::Traced(traced) => {
-                let curve = traced_spline(traced, range, ends);
+                let curve = self.intersections.edge(id, range, ends, || traced_spline(traced, range, ends));
                 (curve, [0.0, TRACED_PIECES as f64])
             }
         };

@@ -12,6 +12,7 @@ use super::turned_wall::Turned;
 use crate::brep::{FaceSurface, unit};
 use planish_core::DVec3;
 use std::f64::consts::TAU;
+use std::rc::Rc;
 
 /// Number of samples of a curve between which intersections are searched.
 ///
@@ -100,64 +101,109 @@ fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[DVec3]) -> Vec<Meeting> {
     curves.into_iter().map(meeting).collect()
 }
 
-/// Points at which an intersection curve of two candidates meets a third one.
+/// Points along a curve between which its intersections with other surfaces are searched.
+pub(super) struct Samples {
+    parameters: Vec<f64>,
+    points: Vec<DVec3>,
+    /// For each sample, the length along the curve to the farther neighbour, or more; infinite if it is
+    /// unknown.
+    lengths: Vec<f64>,
+}
+
+impl Samples {
+    /// Samples of the part of a curve within bounds.
+    pub(super) fn new(curve: &Curve3, bounds: [[f64; 2]; 3]) -> Self {
+        let [from, to] = match curve {
+            Curve3::Line { origin, .. } => {
+                let far =
+                    [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
+                let far = DVec3::from_array(far).length();
+                [-far, far]
+            }
+            Curve3::Ellipse { .. } => [0.0, TAU],
+            Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
+            Curve3::Traced(traced) => [0.0, traced.end()],
+        };
+        // A traced curve is sampled at its own points. Samples of other curves are shifted, because regular
+        // ones often lie on grid lines, where values are zero and have no sign.
+        let count = match curve {
+            Curve3::Traced(_) => to as usize,
+            _ => SAMPLES,
+        };
+        let shift = |k: usize| match curve {
+            Curve3::Traced(_) => 0.0,
+            _ if k == 0 || k == count => 0.0,
+            _ => 0.137,
+        };
+        let at = |k: usize| from + (to - from) * (k as f64 + shift(k)) / count as f64;
+        let parameters: Vec<f64> = (0..=count).map(at).collect();
+        let points: Vec<DVec3> = (0..=count)
+            .map(|k| match curve {
+                Curve3::Traced(traced) => traced.points[k % traced.points.len()],
+                _ => curve.point(parameters[k]),
+            })
+            .collect();
+        let lengths = (0..=count).map(|k| length_near(curve, &parameters, k)).collect();
+        Self { parameters, points, lengths }
+    }
+}
+
+/// The length along a curve from a sample to its farther neighbour, or more; infinite if it is unknown.
+fn length_near(curve: &Curve3, parameters: &[f64], k: usize) -> f64 {
+    let last = parameters.len() - 1;
+    let step =
+        (parameters[(k + 1).min(last)] - parameters[k]).max(parameters[k] - parameters[k.saturating_sub(1)]);
+    match curve {
+        Curve3::Line { .. } => step,
+        Curve3::Ellipse { a, b, .. } => step * a.length().max(b.length()),
+        // At its ends, the coordinates of a branch are square roots of the parameter.
+        Curve3::Branch { .. } => f64::INFINITY,
+        Curve3::Traced(traced) => {
+            let n = traced.points.len();
+            let length = |a: usize, b: usize| (traced.points[a % n] - traced.points[b % n]).length();
+            // Twice the chords covers the curvature of a step.
+            2.0 * length(k + 1, k).max(length(k + n - 1, k))
+        }
+    }
+}
+
+/// Points at which an intersection curve of two candidates meets a third one. The samples of the curve are
+/// made when they are needed.
 pub(super) fn corners(
     three: [&Candidate; 3],
     curve: &Curve3,
-    bounds: [[f64; 2]; 3],
+    samples: impl FnOnce() -> Rc<Samples>,
     tolerance: f64,
 ) -> Vec<DVec3> {
     match three {
         [Candidate::Extruded(s), Candidate::Extruded(t), Candidate::Extruded(u)] => {
             triple([s, t, u], tolerance)
         }
-        [_, _, third] => crossings(curve, third, bounds, tolerance),
+        [_, _, third] => crossings(curve, third, &samples(), tolerance),
     }
 }
 
 /// Points of a curve that lie on a candidate; none if all of the curve does.
-fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<DVec3> {
-    let [from, to] = match curve {
-        Curve3::Line { origin, .. } => {
-            let far =
-                [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
-            let far = DVec3::from_array(far).length();
-            [-far, far]
-        }
-        Curve3::Ellipse { .. } => [0.0, TAU],
-        Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
-        Curve3::Traced(traced) => [0.0, traced.end()],
-    };
-    // A traced curve is sampled at its own points. Samples of other curves are shifted, because regular ones
-    // often lie on grid lines, where values are zero and have no sign.
-    let count = match curve {
-        Curve3::Traced(_) => to as usize,
-        _ => SAMPLES,
-    };
-    let shift = |k: usize| match curve {
-        Curve3::Traced(_) => 0.0,
-        _ if k == 0 || k == count => 0.0,
-        _ => 0.137,
-    };
-    let at = |k: usize| from + (to - from) * (k as f64 + shift(k)) / count as f64;
+fn crossings(curve: &Curve3, third: &Candidate, samples: &Samples, tolerance: f64) -> Vec<DVec3> {
+    let at = &samples.parameters;
+    let count = at.len() - 1;
     let value = |t: f64| third.value(curve.point(t));
-    let values: Vec<f64> = (0..=count)
-        .map(|k| match curve {
-            Curve3::Traced(traced) => third.value(traced.points[k % traced.points.len()]),
-            _ => value(at(k)),
-        })
-        .collect();
+    let values: Vec<f64> = samples.points.iter().map(|p| third.value(*p)).collect();
     // The third surface contains the curve, so it does not divide it.
     if values.iter().all(|v| v.abs() <= 2.0 * tolerance) {
         return Vec::new();
     }
     let mut found = Vec::new();
     for k in 0..count {
-        let (mut lo, mut hi) = (at(k), at(k + 1));
+        let (mut lo, mut hi) = (at[k], at[k + 1]);
         let first = values[k];
         if (first > 0.0) != (values[k + 1] > 0.0) {
             for _ in 0..60 {
                 let middle = (lo + hi) / 2.0;
+                // Neighbouring numbers.
+                if middle <= lo || middle >= hi {
+                    break;
+                }
                 match (value(middle) > 0.0) == (first > 0.0) {
                     true => lo = middle,
                     false => hi = middle,
@@ -172,10 +218,11 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         let distance = values[k].abs();
         let is_minimum =
             (k == 0 || distance <= values[k - 1].abs()) && (k == count || distance <= values[k + 1].abs());
-        if !is_minimum || !can_vanish(curve, k, distance) {
+        // A signed distance changes at most by the way. Points between samples take time.
+        if !is_minimum || distance > samples.lengths[k] + 2.0 * tolerance {
             continue;
         }
-        let (mut lo, mut hi) = (at(k.saturating_sub(1)), at((k + 1).min(count)));
+        let (mut lo, mut hi) = (at[k.saturating_sub(1)], at[(k + 1).min(count)]);
         for _ in 0..60 {
             let (a, b) = (lo + (hi - lo) * 0.382, lo + (hi - lo) * 0.618);
             match value(a).abs() < value(b).abs() {
@@ -189,16 +236,6 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         }
     }
     found
-}
-
-/// False if a distance at a sample of a traced curve exceeds the lengths to its neighbours: a signed distance
-/// changes at most by the way. Points between samples are expensive there.
-fn can_vanish(curve: &Curve3, k: usize, distance: f64) -> bool {
-    let Curve3::Traced(traced) = curve else { return true };
-    let n = traced.points.len();
-    let length = |a: usize, b: usize| (traced.points[a % n] - traced.points[b % n]).length();
-    // Twice the chords covers the curvature of a step.
-    distance <= 2.0 * length(k + 1, k).max(length(k + n - 1, k))
 }
 
 /// The circle of a wall through a point of its profile; `None` on the axis.

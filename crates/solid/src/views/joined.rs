@@ -1,26 +1,44 @@
-//! Joins coordinates of a drawing that differ by less than a tolerance.
+//! Joins coordinates of a drawing that differ by less than a tolerance, and makes rounded ones consistent.
 //!
 //! Input: a drawing and a tolerance. Output: the same drawing, in which coordinates of one axis that are
 //! at most the tolerance apart have the same value in all views: ends of lines, centres and extremes of
 //! circles. Radii that are at most the tolerance apart are equal. Points along other curves are not changed.
 //!
-//! Rounded values of a circle are inconsistent: its centre plus its radius is not the coordinate of the line
-//! that touches it. With values x of coordinates and radii, weighted by how often each is drawn, the changes
-//! d minimise Σ wᵢ dᵢ² subject to A (x + d) = 0, a row of A for each circle and line that touch: centre ±
-//! radius − coordinate. The rows are made orthogonal one after the other; those that depend on others are
-//! left out.
+//! Rounded values are inconsistent: the end of a slanted line is not on the circle that it touches. The
+//! values are changed as little as possible so that such conditions hold ([`super::relations`]).
 //!
 //! Not guaranteed: different coordinates may become equal. A sequence of values, each within the tolerance of
 //! the next, becomes one value.
 
+use super::relations::{Coordinates, conditions};
+use super::tidy;
 use crate::drawing::{Curve2, Drawing, ViewContent};
-use planish_estimate::{Error, Result};
-use std::collections::BTreeSet;
+use planish_estimate::{Error, Result, adjusted_without_conflicts};
+use std::f64::consts::{PI, TAU};
 
 /// Limits of the decades of errors of coordinates, relative to the size of a drawing.
 const MISMATCHES: [f64; 4] = [2e-7, 2e-5, 2e-4, 2e-3];
-/// Maximum number of circles' extremes that are made consistent; the effort grows with its square.
-const MAX_CIRCLE_ROWS: usize = 1000;
+/// Maximum residual of a condition that is met, relative to the size. The search needs 1e-7.
+const SOLVED: f64 = 1e-11;
+/// Steps of rounded coordinates that are recognised, in the unit of the drawing: three to five decimals.
+const STEPS: [f64; 3] = [1e-3, 1e-4, 1e-5];
+/// The steps of sheets in other scales, 1:2 and 2:1. They are recognised if [`MIN_OTHER`] different values
+/// are no multiples of [`DESIGNED`]: a few values with four decimals may also be multiples of 0.0005.
+const OTHER_STEPS: [f64; 4] = [2e-3, 5e-4, 2e-4, 5e-5];
+/// See [`OTHER_STEPS`].
+const MIN_OTHER: usize = 6;
+/// Coordinates that are multiples of this are taken as designed, not as rounded.
+const DESIGNED: f64 = 1e-2;
+/// Maximum step relative to the size. Coarser drawings may be exact.
+const MAX_STEP: f64 = 2e-5;
+/// Rounded coordinates of a value differ by at most this many steps: each has an error of half a step, and so
+/// has the corner of its view.
+const JOINED_STEPS: f64 = 4.0;
+/// Maximum distance of a fragment from the curve on which it lies, in tolerances: both have errors. Fragments
+/// of Open Cascade with four decimals were up to 1.2 tolerances off.
+const FRAGMENT_ERROR: f64 = 2.0;
+/// Changes that the search does not need, relative to the size and as a length (six decimals).
+const NEGLIGIBLE: [f64; 2] = [1e-7, 2e-6];
 
 /// Joins coordinates that are at most `tolerance` apart, in the unit of the drawing.
 ///
@@ -52,25 +70,24 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
             0.01 * size
         )));
     }
-    let mut groups = coordinates(drawing).map(|values| grouped(values, tolerance));
-    let radii = drawing.views.iter().flat_map(|v| &v.curves).filter_map(|c| match &c.curve {
-        Curve2::Arc { radius, .. } => Some(*radius),
-        _ => None,
-    });
-    let mut radii = grouped(radii.collect(), tolerance);
-    make_circles_consistent(drawing, &mut groups, &mut radii, tolerance);
-    let mut found = drawing.clone();
-    for view in &mut found.views {
+    let coordinates = Coordinates::new(drawing, tolerance);
+    let conditions = conditions(drawing, &coordinates, tolerance);
+    let sigmas = coordinates.sigmas();
+    let start = &coordinates.values;
+    let found = adjusted_without_conflicts(start, &sigmas, conditions, SOLVED * size, |_| tolerance);
+    let mut joined = drawing.clone();
+    for view in &mut joined.views {
         let axes = view.kind.axes();
+        let to = |axis: usize, value: f64| coordinates.index(axis, value).map_or(value, |k| found[k]);
         if let ViewContent::Section(section) = &mut view.content {
-            section.at = nearest(&groups[axes[2]], section.at, tolerance);
+            section.at = to(axes[2], section.at);
         }
-        let to = |k: usize, value: f64| representative(&groups[axes[k]], value);
+        let point = |p: [f64; 2]| [0, 1].map(|k| to(axes[k], p[k]));
         for drawn in &mut view.curves {
             match &mut drawn.curve {
                 Curve2::Segment(a, b) => {
                     let ends = [*a, *b];
-                    (*a, *b) = ([to(0, a[0]), to(1, a[1])], [to(0, b[0]), to(1, b[1])]);
+                    (*a, *b) = (point(*a), point(*b));
                     // A line that had no length before is harmless and stays.
                     if a == b && ends[0] != ends[1] {
                         return Err(Error::input(format!(
@@ -80,15 +97,109 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
                         )));
                     }
                 }
-                Curve2::Arc { center, radius, .. } => {
-                    *center = [to(0, center[0]), to(1, center[1])];
-                    *radius = representative(&radii, *radius);
+                Curve2::Arc { center, radius, start, sweep } => {
+                    let ends = [*start, *start + *sweep].map(|t| on_circle(*center, *radius, t)).map(point);
+                    *center = point(*center);
+                    *radius = coordinates.radius(*radius).map_or(*radius, |k| found[k]);
+                    if *sweep < TAU - 1e-9 {
+                        (*start, *sweep) = between(*center, ends, *start, *sweep);
+                    }
                 }
                 Curve2::Chain(_) => {}
             }
         }
     }
-    Ok(found)
+    Ok(joined)
+}
+
+/// The point of a circle at an angle.
+fn on_circle(center: [f64; 2], radius: f64, angle: f64) -> [f64; 2] {
+    [center[0] + radius * angle.cos(), center[1] + radius * angle.sin()]
+}
+
+/// Start and sweep of an arc between two points, near given ones.
+fn between(center: [f64; 2], ends: [[f64; 2]; 2], start: f64, sweep: f64) -> (f64, f64) {
+    let [from, to] = ends.map(|p| (p[1] - center[1]).atan2(p[0] - center[0]));
+    let near = |angle: f64, known: f64| known + (angle - known + PI).rem_euclid(TAU) - PI;
+    let from = near(from, start);
+    (from, near(to, start + sweep) - from)
+}
+
+/// A drawing with rounded coordinates after the rounding errors were removed as far as its lines show them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unrounded {
+    /// The consistent drawing.
+    pub drawing: Drawing,
+    /// Step of the rounded coordinates.
+    pub step: f64,
+    /// Largest change of a point.
+    pub change: f64,
+}
+
+/// Makes a drawing with rounded coordinates consistent; `None` if its coordinates are not rounded, or if they
+/// are consistent as they are.
+///
+/// Coordinates are rounded if all of them are multiples of a step of 1e-5 to 2e-3, but not of 0.01, and if
+/// the step is at most 2e-5 of the size. The result is that of [`joined`] with a tolerance of four steps,
+/// without lines that are shorter, and without fragments that lie on other curves. Differences of a drawing
+/// that rounding explains are lost.
+#[must_use]
+pub fn unrounded(drawing: &Drawing) -> Option<Unrounded> {
+    let (size, step) = (drawing.size(), coordinate_step(drawing)?);
+    let tolerance = JOINED_STEPS * step;
+    // Fragments of intersection curves are as short as their errors and have no direction.
+    let mut drawing = tidy::defragmented(drawing, FRAGMENT_ERROR * tolerance);
+    for view in &mut drawing.views {
+        view.curves.retain(|drawn| drawn.curve.length() > tolerance);
+    }
+    let joined = joined(&drawing, tolerance).ok()?;
+    let curves = |drawing: &Drawing| -> Vec<Curve2> {
+        drawing.views.iter().flat_map(|v| &v.curves).map(|c| c.curve.clone()).collect()
+    };
+    let moved = |(a, b): (&Curve2, &Curve2)| {
+        let (a, b) = (a.points(), b.points());
+        a.iter().zip(&b).map(|(p, q)| crate::drawing::distance(*p, *q)).fold(0.0, f64::max)
+    };
+    let change = curves(&drawing).iter().zip(&curves(&joined)).map(moved).fold(0.0, f64::max);
+    (change > NEGLIGIBLE[0] * size + NEGLIGIBLE[1]).then_some(Unrounded { drawing: joined, step, change })
+}
+
+/// The step of which all coordinates are multiples, if they are rounded.
+fn coordinate_step(drawing: &Drawing) -> Option<f64> {
+    let mut values: Vec<f64> = Vec::new();
+    for view in &drawing.views {
+        for k in 0..2 {
+            let of_axis = |curve: &Curve2| match curve {
+                Curve2::Segment(a, b) => vec![a[k], b[k]],
+                Curve2::Arc { center, .. } => vec![center[k]],
+                Curve2::Chain(_) => Vec::new(),
+            };
+            let own: Vec<f64> = view.curves.iter().flat_map(|c| of_axis(&c.curve)).collect();
+            // A view is placed by its corner, which may be the extreme of a curve of another kind.
+            values.extend(own.iter().map(|v| v - own[0]));
+        }
+        values.extend(view.curves.iter().filter_map(|c| match c.curve {
+            Curve2::Arc { radius, .. } => Some(radius),
+            _ => None,
+        }));
+    }
+    let size = drawing.size();
+    // Values are differences of numbers that may be far from the origin of the sheet.
+    let is_multiple =
+        |v: &f64, step: f64| (v / step - (v / step).round()).abs() * step <= 1e-11 * size + 1e-12;
+    let has_step = |step: f64| values.iter().all(|v| is_multiple(v, step));
+    let mut others: Vec<i64> = (values.iter().filter(|v| !is_multiple(v, DESIGNED)))
+        .map(|v| (v / (MAX_STEP * size)).round() as i64)
+        .collect();
+    others.sort_unstable();
+    others.dedup();
+    let mut steps: Vec<f64> = STEPS.to_vec();
+    if others.len() >= MIN_OTHER {
+        steps.extend(OTHER_STEPS);
+    }
+    steps.sort_by(|a, b| b.total_cmp(a));
+    let is_found = |step: &f64| *step <= MAX_STEP * size && has_step(*step);
+    steps.into_iter().find(is_found).filter(|_| !others.is_empty())
 }
 
 /// Coordinates of each axis, of ends of lines, and of centres and extremes of circles.
@@ -130,125 +241,6 @@ pub fn coordinate_mismatches(drawing: &Drawing) -> Vec<f64> {
         }
     }
     largest.into_iter().filter(|gap| *gap > 0.0).collect()
-}
-
-/// The representative of the group nearest to a value, if one is within the tolerance.
-fn nearest(groups: &[Group], value: f64, tolerance: f64) -> f64 {
-    let off = |at: &f64| (at - value).abs();
-    let nearest = groups.iter().map(|g| g.value).min_by(|a, b| off(a).total_cmp(&off(b)));
-    nearest.filter(|at| off(at) <= tolerance).unwrap_or(value)
-}
-
-/// Values of which each is at most the tolerance from the next.
-#[derive(Debug, Clone, Copy)]
-struct Group {
-    low: f64,
-    high: f64,
-    /// The value that replaces them.
-    value: f64,
-    count: usize,
-}
-
-/// Groups of values, ascending.
-fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<Group> {
-    values.sort_by(f64::total_cmp);
-    // Compared with the previous value, not with the first of the group: a fixed width would split values at
-    // arbitrary places.
-    let groups = values.chunk_by(|a, b| b - a <= tolerance);
-    let one = |group: &[f64]| Group {
-        low: group[0],
-        high: group[group.len() - 1],
-        value: most_frequent(group),
-        count: group.len(),
-    };
-    groups.map(one).collect()
-}
-
-/// Changes values so that circles reach the lines that touch them.
-fn make_circles_consistent(
-    drawing: &Drawing,
-    groups: &mut [Vec<Group>; 3],
-    radii: &mut [Group],
-    tolerance: f64,
-) {
-    let before = [groups[0].len(), groups[1].len(), groups[2].len()];
-    let first = [0, before[0], before[0] + before[1], before.iter().sum::<usize>()];
-    let mut rows: BTreeSet<[(usize, i8); 3]> = BTreeSet::new();
-    for view in &drawing.views {
-        let axes = view.kind.axes();
-        for drawn in &view.curves {
-            let Curve2::Arc { center, radius, .. } = &drawn.curve else { continue };
-            let Some(r) = index_of(radii, *radius) else { continue };
-            for (k, sign) in [(0, 1_i8), (0, -1), (1, 1), (1, -1)] {
-                let own = &groups[axes[k]];
-                let reach = center[k] + f64::from(sign) * radius;
-                let (Some(c), Some(end)) = (index_of(own, center[k]), index_of(own, reach)) else { continue };
-                // A coordinate of this circle alone is that of no line.
-                if own[end].count > 1 && c != end {
-                    let at = first[axes[k]];
-                    rows.insert([(at + c, 1), (first[3] + r, sign), (at + end, -1)]);
-                }
-            }
-        }
-    }
-    if rows.is_empty() || rows.len() > MAX_CIRCLE_ROWS {
-        return;
-    }
-    let all = || groups.iter().flatten().chain(radii.iter());
-    let roots: Vec<f64> = all().map(|g| (g.count as f64).sqrt()).collect();
-    let old: Vec<f64> = all().map(|g| g.value).collect();
-    let mut scaled: Vec<f64> = old.iter().zip(&roots).map(|(x, w)| x * w).collect();
-    let mut basis: Vec<Vec<f64>> = Vec::new();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    for row in rows {
-        let mut q = vec![0.0; old.len()];
-        row.iter().for_each(|(k, sign)| q[*k] += f64::from(*sign) / roots[*k]);
-        let length = dot(&q, &q).sqrt();
-        // Twice, because once leaves rounding errors of nearly dependent rows.
-        for _ in 0..2 {
-            for other in &basis {
-                let along = dot(&q, other);
-                q.iter_mut().zip(other).for_each(|(q, o)| *q -= along * o);
-            }
-        }
-        let left = dot(&q, &q).sqrt();
-        if left > 1e-9 * length {
-            q.iter_mut().for_each(|q| *q /= left);
-            let along = dot(&scaled, &q);
-            scaled.iter_mut().zip(&q).for_each(|(x, q)| *x -= along * q);
-            basis.push(q);
-        }
-    }
-    let new: Vec<f64> = scaled.iter().zip(&roots).map(|(x, w)| x / w).collect();
-    // Otherwise lines and circles that only nearly touch would be bent together.
-    if new.iter().zip(&old).all(|(a, b)| (a - b).abs() <= tolerance) {
-        let values = groups.iter_mut().flatten().chain(radii);
-        values.zip(new).for_each(|(group, value)| group.value = value);
-    }
-}
-
-/// The most frequent value; of equally frequent ones, that with the fewest decimals, then the smallest.
-fn most_frequent(group: &[f64]) -> f64 {
-    let count = |v: f64| group.iter().filter(|w| **w == v).count();
-    let decimals = |v: f64| {
-        let is_integer = |d: &i32| {
-            let scaled = v * 10_f64.powi(*d);
-            (scaled - scaled.round()).abs() < 1e-6
-        };
-        (0..9).find(is_integer).unwrap_or(9)
-    };
-    let key = |v: f64| (std::cmp::Reverse(count(v)), decimals(v));
-    group.iter().copied().min_by_key(|v| key(*v)).unwrap_or(0.0)
-}
-
-/// The group that contains a value.
-fn index_of(groups: &[Group], value: f64) -> Option<usize> {
-    let at = groups.partition_point(|g| g.high < value);
-    groups.get(at).filter(|g| g.low <= value).map(|_| at)
-}
-
-fn representative(groups: &[Group], value: f64) -> f64 {
-    index_of(groups, value).map_or(value, |at| groups[at].value)
 }
 
 #[cfg(test)]

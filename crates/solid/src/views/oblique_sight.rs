@@ -2,13 +2,14 @@
 //! such walls intersect.
 
 use super::candidate_surface::CandidateSurface;
-use super::candidates::{Candidate, corners, curves};
+use super::candidates::{Candidate, Samples, corners, curves};
 use super::cells::Cells;
 use super::oblique_wall::Oblique;
 use super::sight::SightTests;
 use super::surfaces::Curve3;
 use crate::drawing::Drawing;
 use std::f64::consts::TAU;
+use std::rc::Rc;
 
 /// Number of tests along an outline. More find shorter missing lines and take more time.
 const ALONG: usize = 24;
@@ -48,9 +49,10 @@ impl SightTests {
                 }
                 for meeting in curves(&walls[i], &walls[j], plan.size, plan.tolerance) {
                     let mut cuts = Vec::new();
+                    let samples = Rc::new(Samples::new(&meeting.curve, bounds));
                     for k in (0..walls.len()).filter(|k| *k != i && *k != j) {
                         let three = [&walls[i], &walls[j], &walls[k]];
-                        let found = corners(three, &meeting.curve, bounds, plan.tolerance);
+                        let found = corners(three, &meeting.curve, || samples.clone(), plan.tolerance);
                         cuts.extend(
                             found.into_iter().filter_map(|p| meeting.curve.parameter(p, plan.tolerance)),
                         );

@@ -27,7 +27,11 @@ impl Profile {
     pub(crate) fn value(&self, p: [f64; 2]) -> f64 {
         match self {
             Self::Line { normal, offset } => normal[0] * p[0] + normal[1] * p[1] - offset,
-            Self::Circle { center, radius } => distance(p, *center) - radius,
+            Self::Circle { center, radius } => {
+                // Several times faster than `hypot`; coordinates are far from overflow.
+                let d = [p[0] - center[0], p[1] - center[1]];
+                (d[0] * d[0] + d[1] * d[1]).sqrt() - radius
+            }
         }
     }
 

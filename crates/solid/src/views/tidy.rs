@@ -252,7 +252,15 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
         }
     }
     curves.retain(|c: &DrawnCurve| c.curve.length() > MIN_LENGTH * size);
-    View { curves: without_fragments(curves, size), ..view.clone() }
+    View { curves: without_fragments(curves, size, 0.0), ..view.clone() }
+}
+
+/// The drawing without fragments that lie on longer curves, within the errors of their coordinates.
+pub(super) fn defragmented(drawing: &Drawing, error: f64) -> Drawing {
+    let size = drawing.size();
+    let view =
+        |view: &View| View { curves: without_fragments(view.curves.clone(), size, error), ..view.clone() };
+    Drawing { views: drawing.views.iter().map(view).collect() }
 }
 
 /// Replaces splines and polygons along circles by arcs, and adds their circles.
@@ -325,14 +333,15 @@ fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
         .then_some((circle, sweep))
 }
 
-/// The curves without fragments of which every point lies on one longer curve.
-fn without_fragments(curves: Vec<DrawnCurve>, size: f64) -> Vec<DrawnCurve> {
+/// The curves without fragments of which every point lies on one longer curve. Points have errors of up to
+/// `error`.
+fn without_fragments(curves: Vec<DrawnCurve>, size: f64, error: f64) -> Vec<DrawnCurve> {
     let is_fragment = |drawn: &DrawnCurve| {
         let length = drawn.curve.length();
         length < MAX_FRAGMENT * size && {
             let points = drawn.curve.points();
             // Less than its length: the end of a neighbour is as near as that.
-            let near = (ON_CIRCLE * size).min(length / 10.0);
+            let near = (ON_CIRCLE * size).min(length / 10.0).max(error);
             let on = |p: &[f64; 2], c: &Curve2| distance(*p, nearest_on_curve(c, *p)) <= near;
             let longer = |c: &&DrawnCurve| c.curve.length() > 4.0 * length;
             curves.iter().filter(longer).any(|c| points.iter().all(|p| on(p, &c.curve)))

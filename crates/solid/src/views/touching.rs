@@ -18,7 +18,7 @@ use std::f64::consts::PI;
 /// Two intersections within one interval are missed; more intervals take more time.
 const STEPS: usize = 64;
 
-impl BoundaryBuilder<'_> {
+impl BoundaryBuilder<'_, '_> {
     /// Removes slits from the loops of cylinders.
     ///
     /// # Errors

@@ -1,9 +1,10 @@
 //! Equations between values of traced pieces: ends on curves, tangents, and circles that reach lines.
 
-use super::super::consistent::Equation;
 use super::super::ends::tangent_point;
 use super::super::pieces::PieceGraph;
 use super::{Frame, SAME, Values};
+use planish_estimate::Condition;
+use planish_solid::drawing::conditions::{on_circle, on_line, tangent_at};
 
 /// That ends lie on their circles and slanted lines, and that circles reach lines.
 pub(super) fn equations<'a>(
@@ -12,8 +13,8 @@ pub(super) fn equations<'a>(
     frames: &'a [[Frame; 2]],
     start: &[f64],
     sigmas: &[f64],
-) -> Vec<Equation<'a>> {
-    let mut all: Vec<Equation<'a>> = Vec::new();
+) -> Vec<Condition<'a>> {
+    let mut all: Vec<Condition<'a>> = Vec::new();
     let mut has_line = vec![false; start.len()];
     for value in values.all.iter().filter(|v| v.range.is_some()) {
         has_line[value.group] = true;
@@ -55,13 +56,7 @@ pub(super) fn equations<'a>(
         let shapes: Vec<usize> = members.iter().copied().filter(|k| !graph.pieces[*k].is_dropped).collect();
         for k in &shapes {
             if let Some(circle) = values.circles[*k] {
-                let [cx, cy, r] = circle.map(|v| values.group(v));
-                all.push(Box::new(move |x| {
-                    let d = [x[own[0]] - x[cx], x[own[1]] - x[cy]];
-                    let length = d[0].hypot(d[1]).max(1e-9);
-                    let u = d.map(|c| c / length);
-                    (length - x[r], vec![(own[0], u[0]), (own[1], u[1]), (cx, -u[0]), (cy, -u[1]), (r, -1.0)])
-                }));
+                all.push(on_circle(own, circle.map(|v| values.group(v))));
             } else if values.axes[*k].is_none()
                 && let [Some(a), Some(b)] = graph.pieces[*k].nodes
                 && a != n
@@ -69,7 +64,7 @@ pub(super) fn equations<'a>(
             {
                 // On a slanted line.
                 let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-                all.push(Box::new(move |x| on_line(x, own, p, q)));
+                all.push(on_line(own, [p, q]));
             }
         }
         for (i, a) in shapes.iter().enumerate() {
@@ -95,44 +90,15 @@ fn tangency<'a>(
     own: [usize; 2],
     circle: [usize; 3],
     line: usize,
-) -> Option<Equation<'a>> {
+) -> Option<Condition<'a>> {
     let center = [values.group(circle[0]), values.group(circle[1])];
     if let Some(axis) = values.axes[line] {
         // The line runs along the other axis.
         let (n, c) = (own[1 - axis], center[1 - axis]);
         return (n != c)
-            .then(|| -> Equation<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
+            .then(|| -> Condition<'a> { Box::new(move |x| (x[n] - x[c], vec![(n, 1.0), (c, -1.0)])) });
     }
     let [Some(a), Some(b)] = graph.pieces[line].nodes else { return None };
     let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
-    Some(Box::new(move |x| {
-        let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-        let length = d[0].hypot(d[1]).max(1e-9);
-        let e = [x[own[0]] - x[center[0]], x[own[1]] - x[center[1]]];
-        let u = d.map(|c| c / length);
-        let residual = e[0] * u[0] + e[1] * u[1];
-        // The direction of the line depends on its ends.
-        let slope = |k: usize| (e[k] - residual * u[k]) / length;
-        let mut slopes: Vec<(usize, f64)> = Vec::with_capacity(8);
-        for k in 0..2 {
-            slopes.extend([(own[k], u[k]), (center[k], -u[k]), (q[k], slope(k)), (p[k], -slope(k))]);
-        }
-        (residual, slopes)
-    }))
-}
-
-/// Distance of a point from the line through two others.
-fn on_line(x: &[f64], own: [usize; 2], p: [usize; 2], q: [usize; 2]) -> (f64, Vec<(usize, f64)>) {
-    let d = [x[q[0]] - x[p[0]], x[q[1]] - x[p[1]]];
-    let e = [x[own[0]] - x[p[0]], x[own[1]] - x[p[1]]];
-    let length = d[0].hypot(d[1]).max(1e-9);
-    let residual = (d[0] * e[1] - d[1] * e[0]) / length;
-    let n = [-d[1] / length, d[0] / length];
-    // How far along the line the point is.
-    let share = (d[0] * e[0] + d[1] * e[1]) / (length * length);
-    let mut slopes = Vec::with_capacity(6);
-    for k in 0..2 {
-        slopes.extend([(own[k], n[k]), (p[k], -(1.0 - share) * n[k]), (q[k], -share * n[k])]);
-    }
-    (residual, slopes)
+    Some(tangent_at(own, center, [p, q]))
 }
