@@ -4,7 +4,7 @@
 //! enumerates assignments of cells. If there is none, switches are turned off until there is one, those with
 //! the fewest positions first. The lines of these tests are reported as unexplained.
 
-use super::cells::Cells;
+use super::cells::{Cells, UnseenFaces};
 use super::contradictions::{satisfiable, satisfiable_without_a_line};
 use super::preference::{Preference, Preferences};
 use super::sight::{EdgeSectors, Expected, SightTest, SightTestPlace, SightTests};
@@ -67,11 +67,17 @@ pub(crate) enum Bodies {
 pub(crate) struct Conventions {
     pub(crate) smooth_edges: SmoothEdges,
     pub(crate) bodies: Bodies,
+    /// Matters only for views without hidden lines.
+    pub(crate) unseen_faces: UnseenFaces,
 }
 
 impl Conventions {
     /// Those of drafting, which are tried first.
-    pub(crate) const USUAL: Self = Self { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart };
+    pub(crate) const USUAL: Self = Self {
+        smooth_edges: SmoothEdges::NotDrawn,
+        bodies: Bodies::Apart,
+        unseen_faces: UnseenFaces::Allowed,
+    };
 }
 
 /// Whether the features of an assignment are equal where their circles are, as far as the drawing allows.
