@@ -107,7 +107,7 @@ def write(curve, space, at, rounded):
 
 
 def draw(views, traits, dice):
-    doc = ezdxf.new("R2010", setup=True)
+    doc = ezdxf.new("R2010", setup=True, units=4)
     doc.layers.add("VISIBLE", lineweight=50)
     doc.layers.add("HIDDEN", linetype="DASHED", lineweight=25)
     space = doc.modelspace()

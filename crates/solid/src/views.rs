@@ -77,11 +77,11 @@ pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
+use cells::UnseenFaces;
 pub use joined::{coordinate_mismatches, joined};
 use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 pub(crate) use search::Bodies;
-use cells::UnseenFaces;
 use search::{CellState, Conventions, Regularity, SmoothEdges};
 use std::cmp::Ordering;
 use unexplained::figure;

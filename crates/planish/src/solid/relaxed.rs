@@ -13,6 +13,7 @@ use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_report::numbers::significant;
 use planish_solid::drawing::{Drawing, View, ViewContent};
 use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
+use planish_solid::sheet::hidden_circles;
 use planish_solid::views::{LineStyle, coordinate_mismatches, joined};
 use std::collections::BTreeSet;
 
@@ -174,6 +175,8 @@ fn without_hidden(reading: &ReadDrawing) -> Option<ReadDrawing> {
     if named.is_empty() {
         return None;
     }
+    let candidates = hidden_circles(&drawing);
+    drawing.views.extend(candidates);
     let text = format!(
         "no hidden lines are drawn in the {} view{}, but the solid has hidden edges there: what only hidden \
          lines would show, such as the depth of a hole, is not determined; the simplest solid is used",

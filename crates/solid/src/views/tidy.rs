@@ -350,7 +350,8 @@ fn is_ellipse(points: &[[f64; 2]], circle: &Circle, sweep: f64, off: f64) -> boo
         3 => (2.0 * angles[i]).cos(),
         _ => (2.0 * angles[i]).sin(),
     });
-    let deviations = DVector::from_fn(points.len(), |i, _| distance(points[i], circle.center) - circle.radius);
+    let deviations =
+        DVector::from_fn(points.len(), |i, _| distance(points[i], circle.center) - circle.radius);
     let Ok(harmonics) = design.clone().svd(true, true).solve(&deviations, 1e-9) else { return false };
     (deviations - design * harmonics).amax() < ELLIPSE_REST * off
 }
