@@ -403,14 +403,15 @@ fn judge(report: &SolidReport, views: usize, draws_hidden: bool, undecided: Opti
             found.push(Finding::new(FindingCode::TwoViews, text));
         }
         1 if omits_hidden => {}
-        1 if report.complete => {
-            let text = match draws_hidden {
-                true => "exactly one solid has these views, and its lines are those of the drawing",
-                false => {
-                    "exactly one solid has these views, if they omit no hidden lines: none of them draws any"
-                }
-            };
+        1 if report.complete && draws_hidden => {
+            let text = "exactly one solid has these views, and its lines are those of the drawing";
             found.push(Finding::new(FindingCode::SolidUnique, text));
+        }
+        // A pocket that no view sees has no visible line.
+        1 if report.complete => {
+            let text = "exactly one solid has these views if they omit no hidden lines: none of them draws any, \
+                        and what all views hide would be missing";
+            found.push(Finding::new(FindingCode::HiddenLinesOmitted, text));
         }
         1 => {}
         n => {

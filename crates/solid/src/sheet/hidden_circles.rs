@@ -81,12 +81,12 @@ mod tests {
         let view = |(kind, curves)| View { kind, curves, content: ViewContent::VisibleEdges };
         let mut drawing = Drawing { views: views.map(view).to_vec() };
         let has_circle = |drawing: &Drawing| {
-            let curves = hidden_circles(drawing).into_iter().flat_map(|view| view.curves);
+            let mut curves = hidden_circles(drawing).into_iter().flat_map(|view| view.curves);
             let is_boss = |drawn: DrawnCurve| match drawn.curve {
                 Curve2::Arc { center, radius, .. } => center == [17.0, 14.0] && radius == 5.0,
                 _ => false,
             };
-            curves.map(is_boss).any(|is_boss| is_boss)
+            curves.any(is_boss)
         };
         assert!(has_circle(&drawing));
         drawing.views[1].curves.extend(rectangle([12.0, 9.0], [22.0, 19.0]));
