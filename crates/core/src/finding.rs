@@ -240,7 +240,7 @@ codes! {
     ProjectionOpen = "projection-open", Warning: "A sheet shows a solid in both conventions of projection.",
     SectionUsed = "section-used", Info: "A hatched section of a sheet is a view.",
     HiddenLinesOmitted = "hidden-lines-omitted", Warning:
-        "A solid has hidden edges in a view that draws no hidden lines.",
+        "Views draw no hidden lines, so what only these would show is not determined.",
     ToleranceEstimated = "tolerance-estimated", Warning:
         "Coordinates that nearly agree are treated as equal to find a solid.",
     SectionSetAside = "section-set-aside", Warning:

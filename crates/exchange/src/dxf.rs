@@ -23,6 +23,7 @@ mod groups;
 mod hatch;
 mod line_style;
 mod placed;
+mod smooth;
 #[cfg(test)]
 mod tests;
 

@@ -36,6 +36,7 @@ use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
+use planish_solid::drawing::View;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::Disagreement;
 pub use planish_solid::sheet::Projection;
@@ -315,7 +316,8 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
-    report.findings.extend(judge(&report, drawing.whole_views(), undecided));
+    let draws_hidden = noisy.is_some() || drawing.views.iter().any(View::has_hidden_lines);
+    report.findings.extend(judge(&report, drawing.whole_views(), draws_hidden, undecided));
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
             write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.findings)?.as_ref())?;
@@ -387,8 +389,11 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
 }
 
 /// The findings that follow from the solids and from the agreement of the views.
-fn judge(report: &SolidReport, views: usize, undecided: Option<String>) -> Vec<Finding> {
+fn judge(report: &SolidReport, views: usize, draws_hidden: bool, undecided: Option<String>) -> Vec<Finding> {
     let mut found = Vec::new();
+    // That finding states already that hidden lines would determine more.
+    let has = |code: FindingCode| report.findings.iter().any(|finding| finding.code == code);
+    let omits_hidden = has(FindingCode::HiddenLinesOmitted);
     match report.solutions.len() {
         _ if undecided.is_some() => {
             found.extend(undecided.map(|text| Finding::new(FindingCode::SolidsUndecided, text)));
@@ -406,18 +411,31 @@ fn judge(report: &SolidReport, views: usize, undecided: Option<String>) -> Vec<F
                         runs along the missing direction is flat or round: add the third view";
             found.push(Finding::new(FindingCode::TwoViews, text));
         }
-        1 if report.complete => {
+        1 if omits_hidden => {}
+        1 if report.complete && draws_hidden => {
             let text = "exactly one solid has these views, and its lines are those of the drawing";
             found.push(Finding::new(FindingCode::SolidUnique, text));
         }
+        // A pocket that no view sees has no visible line.
+        1 if report.complete => {
+            let text = "exactly one solid has these views if they omit no hidden lines: none of them draws any, \
+                        and what all views hide would be missing";
+            found.push(Finding::new(FindingCode::HiddenLinesOmitted, text));
+        }
         1 => {}
         n => {
-            let text = format!("{n} solids have these views: add a view to distinguish them");
+            let text = match omits_hidden {
+                true => format!(
+                    "{n} solids have these visible lines, the simplest first: add hidden lines to distinguish \
+                     them"
+                ),
+                false => format!("{n} solids have these views: add a view to distinguish them"),
+            };
             found.push(Finding::new(FindingCode::SolidsAmbiguous, text));
         }
     }
     // A report must not state that views agree beside the finding that they do not.
-    let disagree = report.findings.iter().any(|finding| finding.code == FindingCode::ViewsInconsistent);
+    let disagree = has(FindingCode::ViewsInconsistent);
     if let Some(geometry) = report.geometry.as_ref().filter(|_| !disagree) {
         let text = format!(
             "the views agree: χ² {} with {} degrees of freedom (p = {})",

@@ -29,6 +29,7 @@ mod choice;
 mod contacts;
 mod frame;
 mod groups;
+mod hidden_circles;
 mod pens;
 mod scale;
 mod section;
@@ -43,6 +44,7 @@ pub(crate) use axes::circles_across;
 use choice::Choice;
 use contacts::Contacts;
 use groups::{CurveGroup, grouped};
+pub use hidden_circles::hidden_circles;
 pub use scale::{ScaleSource, scale_of_dimensions};
 
 /// Distance within which ends touch curves, relative to the size of the sheet. It covers coordinates with

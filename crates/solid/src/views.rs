@@ -72,6 +72,7 @@ mod turned_rings;
 #[cfg(test)]
 mod turned_tests;
 mod turned_wall;
+mod unexplained;
 mod wall_sight;
 mod wireframe;
 
@@ -81,6 +82,7 @@ pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
+use cells::UnseenFaces;
 use intersections::Intersections;
 pub use joined::{Unrounded, coordinate_mismatches, joined, unrounded};
 use limits::{check, check_slanted};
@@ -89,9 +91,8 @@ use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 pub(crate) use search::Bodies;
 use search::{CellState, Conventions, Explained, Regularity, SmoothEdges};
-use sight::Expected;
 use std::cmp::Ordering;
-use std::collections::HashMap;
+use unexplained::figure;
 
 /// Maximum number of candidate surfaces of revolution.
 ///
@@ -206,6 +207,9 @@ pub struct Solutions {
     pub unexplained: Vec<Unexplained>,
     /// Assignments of cells that explain all lines but do not bound a valid solid.
     pub rejected: Vec<Rejected>,
+    /// True if views omit hidden lines, and the visible lines can be explained only by faces at depths that
+    /// no line shows.
+    pub has_unseen_faces: bool,
 }
 
 /// Reason why an assignment of cells is not a valid solid.
@@ -296,6 +300,14 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     // Drafting does not draw tangent edges, so drawings are first read without them. With them, each tangent
     // line would be one more explanation of a line that is really a sharp edge.
     let conventions = Conventions::USUAL;
+    if drawing.views.iter().any(|view| view.content == ViewContent::VisibleEdges) {
+        let seen = Conventions { unseen_faces: UnseenFaces::Excluded, ..conventions };
+        let found = solve_with(drawing, seen, scale);
+        // A hole with a counterbore of unknown depth would be an annular hole around a separate pin.
+        if best_agreeing(&found, drawing).is_some_and(|best| best.cost < COST_OF_BODY) {
+            return found;
+        }
+    }
     let plain = solve_with(drawing, conventions, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
     if is_too_large || best_agreeing(&plain, drawing).is_some() {
@@ -347,7 +359,8 @@ fn solve_with(drawing: &Drawing, conventions: Conventions, scale: f64) -> Result
         // Strict candidates come first because the centre of every fillet also makes a false torus.
         // Nor for doubtful views: each of them is searched once.
         let is_doubtful = drawing.views.iter().any(|view| view.content == ViewContent::Doubtful);
-        let is_first = conventions == Conventions::USUAL && !is_doubtful;
+        let is_usual = Conventions { unseen_faces: UnseenFaces::Allowed, ..conventions };
+        let is_first = is_usual == Conventions::USUAL && !is_doubtful;
         let are_tried = cheapest.is_none() && is_first;
         if is_too_large || !strict && !are_tried {
             break;
@@ -396,7 +409,7 @@ fn solve_grid(
     conventions: Conventions,
     scale: f64,
 ) -> Result<Solutions> {
-    let cells = cells::Cells::new(plan)?;
+    let cells = cells::Cells::new(plan, conventions.unseen_faces)?;
     let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut intersections = Intersections::new(&cells);
@@ -439,7 +452,10 @@ fn solve_grid(
     );
     solutions.solutions = known.into_iter().map(|k| k.1).collect();
     solutions.complete = found.complete;
-    solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
+    let omits_hidden = |view: &View| view.content == ViewContent::VisibleEdges;
+    solutions.has_unseen_faces =
+        conventions.unseen_faces == UnseenFaces::Allowed && drawing.views.iter().any(omits_hidden);
+    solutions.unexplained = unexplained::unexplained(drawing, &found.unexplained, scale);
     if conventions.explained == Explained::All && !solutions.unexplained.is_empty() {
         // Not an error: the caller reports the lines.
         return Ok(solutions);
@@ -457,61 +473,6 @@ fn solve_grid(
         return Err(Error::undetermined(format!("no solid has these views: {reason}")));
     }
     Ok(solutions)
-}
-
-/// Lists each unexplained line once, with its first position and the number of other positions.
-fn unexplained(
-    drawing: &Drawing,
-    found: &[(Expected, sight::SightTestPlace)],
-    scale: f64,
-) -> Vec<Unexplained> {
-    // One line of the drawing may fail hundreds of tests; a list of all would hide the other lines.
-    let mut places: Vec<(Expected, &sight::SightTestPlace, usize)> = Vec::new();
-    let mut known: HashMap<(Expected, usize, Option<usize>), usize> = HashMap::new();
-    for (expected, place) in found {
-        let next = places.len();
-        match *known.entry((*expected, place.view, place.curve)).or_insert(next) {
-            at if at == next => places.push((*expected, place, 0)),
-            at => places[at].2 += 1,
-        }
-    }
-    places
-        .into_iter()
-        .map(|(expected, place, others)| {
-            let view = &drawing.views[place.view];
-            let what = match expected {
-                Expected::Line(LineStyle::Visible) => "no solid shows a visible line",
-                Expected::Line(LineStyle::Hidden) => "no solid shows a hidden line",
-                Expected::NoEdge | Expected::NoVisibleEdge => {
-                    "the drawing lacks a line that every solid shows"
-                }
-                Expected::Material(true) => "no solid has material where the section is hatched",
-                Expected::Material(false) => "every solid has material where the section is not hatched",
-            };
-            let more = match others {
-                0 => String::new(),
-                1 => " and at one more place".to_owned(),
-                n => format!(" and at {n} more places"),
-            };
-            Unexplained {
-                view: view.kind,
-                entity: place.curve.map(|c| view.curves[c].entity.clone()),
-                reason: format!(
-                    "{what} at {} {}{more}",
-                    figure(scale * place.at[0]),
-                    figure(scale * place.at[1])
-                ),
-            }
-        })
-        .collect()
-}
-
-/// Formats a coordinate with four decimals, in scientific notation if it is very small or large.
-fn figure(value: f64) -> String {
-    match value.abs() {
-        size if size == 0.0 || (1e-3..1e9).contains(&size) => format!("{value:.4}"),
-        _ => format!("{value:.4e}"),
-    }
 }
 
 /// Builds and checks the solid of an assignment. Positions in messages are multiplied by `scale`.

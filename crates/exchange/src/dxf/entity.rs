@@ -1,6 +1,7 @@
 //! Converts entities to curves.
 
 use super::groups::Record;
+use super::smooth::with_chains;
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
@@ -120,9 +121,9 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
     let n = vertices.len();
     let closed = record.number(70)?.unwrap_or(0.0) as i64 & 1 == 1;
     let spans = if closed { n } else { n.saturating_sub(1) };
-    Ok((0..spans)
-        .map(|k| span(vertices[k], vertices[(k + 1) % n], bulges.get(k).copied().unwrap_or(0.0)))
-        .collect())
+    let spans =
+        (0..spans).map(|k| span(vertices[k], vertices[(k + 1) % n], bulges.get(k).copied().unwrap_or(0.0)));
+    Ok(with_chains(spans.collect()))
 }
 
 /// Curves of an old-style polyline with its vertices; none for meshes (flags 16 and 64).
@@ -145,10 +146,11 @@ pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Op
     let n = corners.len();
     let spans = if flags & 1 == 1 { n } else { n.saturating_sub(1) };
     let curves = (0..spans).map(|k| span(corners[k].0, corners[(k + 1) % n].0, corners[k].1));
+    let curves = with_chains(curves.collect());
     let mirrored = record.number(230)?.is_some_and(|z| z < 0.0);
     Ok(Some(match mirrored {
-        true => curves.map(|c| c.moved(|[x, y]| [-x, y], true)).collect(),
-        false => curves.collect(),
+        true => curves.into_iter().map(|c| c.moved(|[x, y]| [-x, y], true)).collect(),
+        false => curves,
     }))
 }
 

@@ -2,7 +2,8 @@
 //!
 //! 1. Coordinates that nearly agree are the same, with the smallest error that gives a solid; fragments that
 //!    are shorter are dropped.
-//! 2. Views that draw no hidden lines omit them, if exactly one solid explains the others.
+//! 2. Views that draw no hidden lines omit them. This comes first if no view draws any. The simplest solid
+//!    is used: holes go through unless a visible line shows where they end.
 //!
 //! Each is a finding.
 
@@ -12,6 +13,7 @@ use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_report::numbers::significant;
 use planish_solid::drawing::{Drawing, View, ViewContent};
 use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
+use planish_solid::sheet::hidden_circles;
 use planish_solid::views::{LineStyle, coordinate_mismatches, joined};
 use std::collections::BTreeSet;
 
@@ -85,6 +87,14 @@ pub(super) fn search_relaxed(
             search_readings(readings, progress, |error, _| error).ok().filter(SearchedReading::is_solved)
         }
     };
+    // Views without any hidden line usually omit them. Otherwise a coordinate is the more likely error.
+    let omits_all = |reading: &ReadDrawing| !reading.drawing.views.iter().any(View::has_hidden_lines);
+    let omits_all = readings.first().is_some_and(omits_all);
+    let visible = || solved(readings.iter().filter_map(without_hidden).collect());
+    let mut by_visible = if omits_all { visible() } else { None };
+    if let Some(found) = by_visible.take_if(|found| !found.found.has_unseen_faces) {
+        return Some(judged_by_visible(found));
+    }
     let mismatches = match is_exact {
         true => Vec::new(),
         false => readings.first().map_or(Vec::new(), |first| coordinate_mismatches(&first.drawing)),
@@ -95,12 +105,13 @@ pub(super) fn search_relaxed(
             return Some(found);
         }
     }
-    // Of several solids, only hidden lines would tell which one is drawn: of 21 such sheets, 8 had the right
-    // solid first and 11 a wrong one.
-    let mut searched = solved(readings.iter().filter_map(without_hidden).collect())
-        .filter(|searched| searched.found.complete && searched.found.solutions.len() == 1)?;
+    by_visible.or_else(|| if omits_all { None } else { visible() }).map(judged_by_visible)
+}
+
+/// A result of views without hidden lines, which is not written if nothing shows where a part of it ends.
+fn judged_by_visible(mut searched: SearchedReading) -> SearchedReading {
     searched.undecided = open_end(&searched);
-    Some(searched)
+    searched
 }
 
 /// The reading with coordinates joined that differ by at most a mismatch.
@@ -129,12 +140,16 @@ pub(super) fn with_tolerance(reading: &ReadDrawing, mismatch: f64) -> Option<Rea
 
 /// What the visible lines leave open of a solid; none if they determine it.
 fn open_end(searched: &SearchedReading) -> Option<String> {
-    let (solid, reading) = (&searched.found.solutions[0].solid, &searched.reading);
+    let first = searched.differences.iter().position(Vec::is_empty)?;
+    let (solid, reading) = (&searched.found.solutions[first].solid, &searched.reading);
     let [planes, ..] = solid.faces_by_kind();
     if reading.has_centre_lines && planes == solid.faces.len() {
         let text = "the views draw no hidden lines, and centre lines show something round that no visible \
                     line shows: add hidden lines or a section";
         return Some(text.to_owned());
+    }
+    if !searched.found.has_unseen_faces {
+        return None;
     }
     let at = first_unseen_edge(solid, &reading.drawing, &ReprojectionOptions::default())?;
     let [x, y, z] = at.to_array();
@@ -160,9 +175,11 @@ fn without_hidden(reading: &ReadDrawing) -> Option<ReadDrawing> {
     if named.is_empty() {
         return None;
     }
+    let candidates = hidden_circles(&drawing);
+    drawing.views.extend(candidates);
     let text = format!(
         "no hidden lines are drawn in the {} view{}, but the solid has hidden edges there: what only hidden \
-         lines would show, such as the depth of a hole, is not determined",
+         lines would show, such as the depth of a hole, is not determined; the simplest solid is used",
         named.join(" and the "),
         if named.len() > 1 { "s" } else { "" }
     );

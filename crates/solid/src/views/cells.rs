@@ -5,7 +5,7 @@
 //! into one cell (union–find).
 
 use super::column::SurfaceId;
-use super::drawing_grid::{DrawingGrid, coordinate_counts};
+use super::drawing_grid::{DrawingGrid, ViewGrid, coordinate_counts};
 use crate::drawing::Drawing;
 use planish_core::{DVec3, DisjointSets};
 use planish_estimate::{Error, Result};
@@ -16,9 +16,22 @@ const MAX_BOXES: usize = 1_000_000;
 /// Maximum number of atoms. It bounds memory; larger drawings are rejected.
 const MAX_ATOMS: usize = 8_000_000;
 
+/// Whether a solid may have faces across an axis at places that no view shows edge-on.
+///
+/// Only views without hidden lines leave this open. Such a face has a depth that nothing on the drawing
+/// shows, as the floor of a blind hole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum UnseenFaces {
+    /// A face is where at least one view that sees it edge-on draws a line. Holes go through.
+    Excluded,
+    /// Faces may be at any coordinate of the drawing.
+    Allowed,
+}
+
 /// Space divided into cells.
 pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a DrawingGrid,
+    unseen_faces: UnseenFaces,
     /// First atom of each box, third coordinate fastest.
     first: Vec<u32>,
     /// The cell of each atom: the smallest atom of the cell.
@@ -61,7 +74,7 @@ impl<'a> Cells<'a> {
     ///
     /// # Errors
     /// `Unsupported` if there are too many boxes or atoms.
-    pub(crate) fn new(plan: &'a DrawingGrid) -> Result<Self> {
+    pub(crate) fn new(plan: &'a DrawingGrid, unseen_faces: UnseenFaces) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
             return Err(too_many_boxes(n));
@@ -88,8 +101,14 @@ impl<'a> Cells<'a> {
                 }
             }
         }
-        let mut cells =
-            Self { plan, first, cell_of_atom: Vec::new(), thick: HashSet::new(), slivers: HashSet::new() };
+        let mut cells = Self {
+            plan,
+            unseen_faces,
+            first,
+            cell_of_atom: Vec::new(),
+            thick: HashSet::new(),
+            slivers: HashSet::new(),
+        };
         let mut sets = DisjointSets::new(total);
         for axis in 0..3 {
             cells.join_across(&mut sets, axis);
@@ -242,17 +261,25 @@ impl<'a> Cells<'a> {
         let plan = self.plan;
         let is_edge_on = |v: &usize| plan.views[*v].kind.axes()[2] != axis;
         let is_seen = (0..plan.views.len()).any(|v| is_edge_on(&v));
+        let drawn_in = |is_used: &dyn Fn(&ViewGrid) -> bool| -> Vec<Drawn> {
+            let views = (0..plan.views.len()).filter(|v| is_used(&plan.views[*v]));
+            views.filter_map(|v| Drawn::new(plan, v, axis)).collect()
+        };
         // In a view without hidden lines, a missing line excludes no face.
-        let drawn: Vec<Drawn> = (0..plan.views.len())
-            .filter(|v| plan.views[*v].shows_hidden)
-            .filter_map(|v| Drawn::new(plan, v, axis))
-            .collect();
+        let drawn = drawn_in(&|view| view.shows_hidden);
+        let visible = match self.unseen_faces {
+            UnseenFaces::Excluded if drawn.is_empty() => {
+                drawn_in(&|view| !view.is_candidates && !view.is_doubtful)
+            }
+            _ => Vec::new(),
+        };
         let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
         for at in 1..plan.grid[axis].len() - 1 {
             for i in 0..plan.intervals(a) {
                 for j in 0..plan.intervals(b) {
-                    let may_be_face = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
-                    if !may_be_face || !is_seen {
+                    let covers = |d: &Drawn| d.covers(at, if d.other == a { i } else { j });
+                    let is_unseen = !visible.is_empty() && !visible.iter().any(covers);
+                    if is_unseen || !drawn.iter().all(covers) || !is_seen {
                         self.each_pair(axis, at, [i, j], |first, second| {
                             sets.join(first, second);
                         });

@@ -4,7 +4,7 @@
 //! enumerates assignments of cells. If there is none, switches are turned off until there is one, those with
 //! the fewest positions first. The lines of these tests are reported as unexplained.
 
-use super::cells::Cells;
+use super::cells::{Cells, UnseenFaces};
 use super::contradictions::{most_satisfiable, satisfiable, satisfiable_without_a_line};
 use super::preference::{Preference, Preferences};
 use super::sight::{EdgeSectors, Expected, SightTest, SightTestPlace, SightTests};
@@ -77,12 +77,18 @@ pub(crate) struct Conventions {
     pub(crate) smooth_edges: SmoothEdges,
     pub(crate) bodies: Bodies,
     pub(crate) explained: Explained,
+    /// Matters only for views without hidden lines.
+    pub(crate) unseen_faces: UnseenFaces,
 }
 
 impl Conventions {
     /// Those of drafting, which are tried first.
-    pub(crate) const USUAL: Self =
-        Self { smooth_edges: SmoothEdges::NotDrawn, bodies: Bodies::Apart, explained: Explained::All };
+    pub(crate) const USUAL: Self = Self {
+        smooth_edges: SmoothEdges::NotDrawn,
+        bodies: Bodies::Apart,
+        explained: Explained::All,
+        unseen_faces: UnseenFaces::Allowed,
+    };
 }
 
 /// Whether the features of an assignment are equal where their circles are, as far as the drawing allows.

@@ -209,6 +209,22 @@ fn nearly_straight_arc_is_no_cylinder() {
 }
 
 #[test]
+fn circle_seen_at_a_small_angle_is_no_circle() {
+    // Tilted by 0.3°, so that the smaller diameter is 1.6e-4 less than the larger one.
+    let is_arc = |tilt_deg: f64| {
+        let mut drawing = box_with_hole();
+        let point = |k: usize| {
+            let (sin, cos) = (TAU * k as f64 / 48.0).sin_cos();
+            [20.0 + 6.0 * tilt_deg.to_radians().cos() * cos, 15.0 + 6.0 * sin]
+        };
+        let hole = drawing.views[1].curves.last_mut().unwrap();
+        hole.curve = Curve2::Chain((0..=48).map(point).collect());
+        matches!(tidy::tidied(&drawing).views[1].curves.last().unwrap().curve, Curve2::Arc { .. })
+    };
+    assert!(is_arc(0.0) && !is_arc(0.3) && !is_arc(0.1));
+}
+
+#[test]
 fn one_view_is_not_enough() {
     let mut drawing = box_with_hole();
     drawing.views.truncate(1);
@@ -231,6 +247,7 @@ fn without_hidden_lines_a_hole_goes_through_and_a_missing_visible_line_is_named(
     let best = &found.solutions[0];
     assert!((best.measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8, "{}", best.measures.volume);
     assert!(disagreements(&best.solid, &drawing, &ReprojectionOptions::default()).is_empty());
+    assert!(!found.has_unseen_faces);
     // A step that only the side view shows has a visible edge in the top view, too.
     drawing.views[2].curves = rectangle([0.0, 0.0], [30.0, 12.0]);
     drawing.views[2].curves.extend(rectangle([0.0, 12.0], [3.0, 20.0]));

@@ -12,6 +12,7 @@
 //! Limits: ellipses and other splines are not changed.
 
 use crate::drawing::{Curve2, Drawing, DrawnCurve, View, distance, nearest_on_curve};
+use nalgebra::{DMatrix, DVector};
 use planish_contour::planar::circle_of_points;
 use std::f64::consts::TAU;
 
@@ -48,6 +49,12 @@ const ROUND_LENGTH: f64 = 4e-6;
 const MAX_CIRCLE_ERROR: f64 = 1e-4;
 /// Minimum sweep of a spline that defines a circle, in radians. Shorter ones fit conics as well.
 const MIN_CIRCLE_SWEEP: f64 = 0.5;
+/// Minimum sweep of a curve that is recognised as a part of an ellipse close to a circle, in radians. Harmonics
+/// of second order fit the errors of shorter ones as well.
+const MIN_ELLIPSE_SWEEP: f64 = 2.0;
+/// Maximum part of the deviations from a circle that those of an ellipse leave. Of the splines of Open Cascade
+/// along circles, harmonics of second order leave most.
+const ELLIPSE_REST: f64 = 0.05;
 /// Maximum length of a fragment that is removed where it lies on a longer curve, relative to the size.
 ///
 /// Fragments of Open Cascade had 3e-6 to 8e-5 of the size. A larger value could remove a change of style.
@@ -329,8 +336,32 @@ fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
     let sweep = length / radius;
     let height = radius * (1.0 - (sweep.min(TAU) / 2.0).cos());
     let off = points.iter().map(|p| circle.off(*p)).fold(0.0, f64::max);
-    ((MIN_CIRCLE_SWEEP..TAU + 0.01).contains(&sweep) && off <= MAX_CIRCLE_ERROR * height)
-        .then_some((circle, sweep))
+    ((MIN_CIRCLE_SWEEP..TAU + 0.01).contains(&sweep)
+        && off <= MAX_CIRCLE_ERROR * height
+        && !is_ellipse(points, &circle, sweep, off))
+    .then_some((circle, sweep))
+}
+
+/// True if the deviations of some points from a circle are those of an ellipse: the circle is seen at an angle.
+///
+/// A circle tilted by `θ` has the radius `r (1 − sin²θ cos²(φ − φ₀) / 2)`: 1.5e-6 of it at 0.1°. Least squares
+/// for the harmonics of first and second order of the deviations; what is left must be a small part of them.
+fn is_ellipse(points: &[[f64; 2]], circle: &Circle, sweep: f64, off: f64) -> bool {
+    if sweep < MIN_ELLIPSE_SWEEP {
+        return false;
+    }
+    let angles: Vec<f64> = points.iter().map(|p| circle.angle(*p)).collect();
+    let design = DMatrix::from_fn(points.len(), 5, |i, j| match j {
+        0 => 1.0,
+        1 => angles[i].cos(),
+        2 => angles[i].sin(),
+        3 => (2.0 * angles[i]).cos(),
+        _ => (2.0 * angles[i]).sin(),
+    });
+    let deviations =
+        DVector::from_fn(points.len(), |i, _| distance(points[i], circle.center) - circle.radius);
+    let Ok(harmonics) = design.clone().svd(true, true).solve(&deviations, 1e-9) else { return false };
+    (deviations - design * harmonics).amax() < ELLIPSE_REST * off
 }
 
 /// The curves without fragments of which every point lies on one longer curve. Points have errors of up to
