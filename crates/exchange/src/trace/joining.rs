@@ -273,6 +273,10 @@ impl Piece {
 
 /// The joint curve of two pieces, if it fits both.
 fn joint(first: &Piece, second: &Piece, are_dashes: bool) -> Option<(f64, Fit)> {
+    // A hidden line may go on as a visible one.
+    if first.is_thin != second.is_thin {
+        return None;
+    }
     let moments: Moments = first.moments.plus(&second.moments);
     let is_line = |p: &Piece| matches!(p.shape, Shape::Line(..));
     let (line, circle) = match (is_line(first), is_line(second)) {

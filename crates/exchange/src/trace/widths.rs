@@ -1,0 +1,314 @@
+//! Widths of lines: on most sheets, visible lines are twice as wide as all others (ISO 128-2).
+//!
+//! Thin lines are hidden lines if they have dashes of one length. Chain lines (centre lines), continuous thin
+//! lines (dimensions, leaders, hatching) and what is left of arrowheads belong to no view.
+
+use super::ink::Ink;
+use super::joining::max_gap;
+use super::marks::PixelBox;
+use super::moments::Shape;
+use super::pieces::{LineScale, Piece, PieceGraph};
+
+/// Minimum ratio of both widths, and minimum share of the length of each.
+const MIN_RATIO: f64 = 1.45;
+const MIN_SHARE: f64 = 0.04;
+/// Pieces shorter than this many pixels do not count for the widths.
+const MIN_LENGTH: f64 = 8.0;
+/// Maximum distance of pieces of one line from its direction, in pixels.
+const SAME_LINE: f64 = 1.5;
+/// A dash between two others of which one is so much longer is a part of a chain line.
+const CHAIN_RATIO: f64 = 0.45;
+/// A thin line without gaps is no dash if it is longer than the dashes of hidden lines by this factor.
+const CONTINUOUS: f64 = 1.5;
+/// Length of a dash if the picture has no hidden line of three dashes, in wide widths.
+const USUAL_DASH: f64 = 8.0;
+/// Longest remainder of an arrowhead, in wide widths.
+const ARROWHEAD: f64 = 8.0;
+/// Minimum size of an outline, relative to the picture.
+const MIN_OUTLINE: f64 = 0.02;
+
+impl PieceGraph {
+    /// Measures the widths of pieces in the ink before y is flipped; returns the width of wide lines if
+    /// there are two widths.
+    pub(super) fn measure_widths(&mut self, ink: &Ink, scale: LineScale) -> Option<f64> {
+        let widths: Vec<f64> = self.pieces.iter().map(|p| width_of(p, ink, scale.width)).collect();
+        let length = |p: &Piece| p.raw.len() as f64;
+        let all: Vec<(f64, f64)> = (self.pieces.iter().zip(&widths))
+            .map(|(p, w)| (*w, length(p)))
+            .filter(|(_, length)| *length >= MIN_LENGTH)
+            .collect();
+        let (limit, wide) = two_widths(all)?;
+        for (piece, width) in self.pieces.iter_mut().zip(widths) {
+            piece.is_thin = Some(width < limit);
+        }
+        Some(wide)
+    }
+
+    /// Drops thin lines that are no hidden lines, and arrowheads; returns how many pieces were dropped.
+    pub(super) fn drop_annotation(&mut self, wide: f64, scale: LineScale) -> usize {
+        let lines = self.thin_lines(scale);
+        let dash = usual_dash(&lines).unwrap_or(USUAL_DASH * wide);
+        let mut dropped = Vec::new();
+        for line in &lines {
+            if line.is_chain() || line.dashes.iter().any(|d| d.length() > CONTINUOUS * dash) {
+                dropped.extend(line.pieces.iter().copied());
+            }
+        }
+        let is_continuous = |p: &Piece| {
+            p.is_thin == Some(true)
+                && matches!(p.shape, Shape::Circle(..))
+                && p.raw.len() as f64 > CONTINUOUS * dash
+        };
+        dropped.extend((0..self.pieces.len()).filter(|k| is_continuous(&self.pieces[*k])));
+        dropped.iter().for_each(|k| self.pieces[*k].is_dropped = true);
+        // What is left of arrowheads ends freely, or only at dropped lines.
+        let mut count = dropped.len();
+        loop {
+            let is_free = |piece: &Piece, k: usize, end: usize| {
+                piece.nodes[end].is_none_or(|node| {
+                    self.members[node].iter().all(|other| *other == k || self.pieces[*other].is_dropped)
+                })
+            };
+            let is_rest = |k: &usize| {
+                let piece = &self.pieces[*k];
+                !piece.is_dropped
+                    && !piece.is_closed
+                    && piece.is_thin == Some(false)
+                    && piece.raw.len() as f64 <= ARROWHEAD * wide
+                    && (0..2).any(|end| is_free(piece, *k, end))
+            };
+            let rests: Vec<usize> = (0..self.pieces.len()).filter(is_rest).collect();
+            if rests.is_empty() {
+                break;
+            }
+            count += rests.len();
+            rests.iter().for_each(|k| self.pieces[*k].is_dropped = true);
+        }
+        for members in &mut self.members {
+            members.retain(|k| !self.pieces[*k].is_dropped);
+        }
+        count
+    }
+
+    /// Boxes of connected wide lines with a loop; boxes that overlap are one.
+    pub(super) fn outline_boxes(&self, size: f64) -> Vec<PixelBox> {
+        let mut group: Vec<usize> = (0..self.pieces.len()).collect();
+        fn root(group: &mut [usize], mut k: usize) -> usize {
+            while group[k] != k {
+                group[k] = group[group[k]];
+                k = group[k];
+            }
+            k
+        }
+        let is_wide = |k: usize| !self.pieces[k].is_dropped && self.pieces[k].is_thin == Some(false);
+        let mut nodes = vec![0_i64; self.pieces.len()];
+        let members: Vec<Vec<usize>> = (self.members.iter())
+            .map(|m| m.iter().copied().filter(|k| is_wide(*k)).collect())
+            .collect();
+        for members in &members {
+            for pair in members.windows(2) {
+                let (a, b) = (root(&mut group, pair[0]), root(&mut group, pair[1]));
+                group[a] = b;
+            }
+        }
+        for members in members.iter().filter(|m| !m.is_empty()) {
+            nodes[root(&mut group, members[0])] += 1;
+        }
+        let mut edges = vec![0_i64; self.pieces.len()];
+        let mut boxes = vec![[[f64::MAX, f64::MIN]; 2]; self.pieces.len()];
+        for k in (0..self.pieces.len()).filter(|k| is_wide(*k)) {
+            let (piece, own) = (&self.pieces[k], root(&mut group, k));
+            let free = piece.nodes.iter().filter(|n| n.is_none()).count() as i64;
+            edges[own] += if piece.is_closed { 1 } else { 1 - free };
+            for p in piece.raw.iter().chain(&piece.ends) {
+                for (range, c) in boxes[own].iter_mut().zip(p) {
+                    *range = [range[0].min(*c), range[1].max(*c)];
+                }
+            }
+        }
+        let extent = |k: &usize| boxes[*k].iter().map(|r| r[1] - r[0]).fold(0.0, f64::max);
+        let outlines = (0..boxes.len())
+            .filter(|k| edges[*k] - nodes[*k] >= 0 && boxes[*k][0][0] <= boxes[*k][0][1])
+            .filter(|k| extent(k) >= MIN_OUTLINE * size);
+        super::marks::joined_boxes(outlines.map(|k| boxes[k]))
+    }
+
+    /// Thin straight pieces that lie on one line with gaps no larger than those between dashes.
+    fn thin_lines(&self, scale: LineScale) -> Vec<ThinLine> {
+        let thin: Vec<usize> = (0..self.pieces.len())
+            .filter(|k| {
+                let p = &self.pieces[*k];
+                !p.is_dropped && p.is_thin == Some(true) && matches!(p.shape, Shape::Line(..))
+            })
+            .collect();
+        let mut order = thin.clone();
+        order.sort_by_key(|k| std::cmp::Reverse(self.pieces[*k].raw.len()));
+        let mut is_used = vec![false; self.pieces.len()];
+        let reach = max_gap(scale);
+        let mut lines = Vec::new();
+        for first in order {
+            if is_used[first] {
+                continue;
+            }
+            let Shape::Line(at, along) = self.pieces[first].shape else { continue };
+            let place = |p: &[f64; 2]| (p[0] - at[0]) * along[0] + (p[1] - at[1]) * along[1];
+            let off = |p: &[f64; 2]| (along[0] * (p[1] - at[1]) - along[1] * (p[0] - at[0])).abs();
+            let mut beside: Vec<(Dash, usize)> = (thin.iter().copied())
+                .filter(|k| !is_used[*k] && self.pieces[*k].ends.iter().all(|p| off(p) <= SAME_LINE))
+                .map(|k| {
+                    let ends = [0, 1].map(|e| place(&self.pieces[k].ends[e]));
+                    (Dash { from: ends[0].min(ends[1]), to: ends[0].max(ends[1]) }, k)
+                })
+                .collect();
+            beside.sort_by(|a, b| a.0.from.total_cmp(&b.0.from));
+            // Those that are connected with the first piece.
+            let own = beside.iter().position(|(_, k)| *k == first).unwrap_or(0);
+            let (mut low, mut high) = (own, own);
+            while low > 0 && beside[low].0.from - beside[low - 1].0.to <= reach {
+                low -= 1;
+            }
+            while high + 1 < beside.len() && beside[high + 1].0.from - beside[high].0.to <= reach {
+                high += 1;
+            }
+            let mut line = ThinLine { pieces: Vec::new(), dashes: Vec::new() };
+            for (dash, k) in &beside[low..=high] {
+                is_used[*k] = true;
+                line.pieces.push(*k);
+                match line.dashes.last_mut() {
+                    // Divided where another line crosses it.
+                    Some(last) if dash.from - last.to <= scale.width + 1.5 => last.to = last.to.max(dash.to),
+                    _ => line.dashes.push(*dash),
+                }
+            }
+            lines.push(line);
+        }
+        lines
+    }
+}
+
+/// A dash along its line.
+#[derive(Debug, Clone, Copy)]
+struct Dash {
+    from: f64,
+    to: f64,
+}
+
+impl Dash {
+    fn length(&self) -> f64 {
+        self.to - self.from
+    }
+}
+
+/// Dashes on one line.
+#[derive(Debug, Clone)]
+struct ThinLine {
+    pieces: Vec<usize>,
+    dashes: Vec<Dash>,
+}
+
+impl ThinLine {
+    /// Whether it has alternating dashes. Dashes of a hidden line have one length, except for the first and
+    /// the last, which may be shorter.
+    fn is_chain(&self) -> bool {
+        self.dashes.windows(3).any(|d| {
+            let [a, b, c] = [d[0].length(), d[1].length(), d[2].length()];
+            b < CHAIN_RATIO * a.max(c)
+        })
+    }
+}
+
+/// The largest length of inner dashes of most hidden lines.
+fn usual_dash(lines: &[ThinLine]) -> Option<f64> {
+    let hidden = lines.iter().filter(|l| l.dashes.len() >= 3 && !l.is_chain());
+    let inner = |l: &ThinLine| {
+        let inner = &l.dashes[1..l.dashes.len() - 1];
+        inner.iter().map(Dash::length).fold(0.0, f64::max)
+    };
+    let mut lengths: Vec<f64> = hidden.map(inner).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied()
+}
+
+/// The limit between thin and wide lines and the width of wide ones; none if there is one width. Values have
+/// weights.
+fn two_widths(mut widths: Vec<(f64, f64)>) -> Option<(f64, f64)> {
+    widths.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let all: f64 = widths.iter().map(|w| w.1).sum();
+    let total: f64 = widths.iter().map(|w| w.0.max(1e-3).ln() * w.1).sum();
+    let (mut weight, mut sum) = (0.0, 0.0);
+    let mut best: Option<(f64, usize, f64, f64)> = None;
+    for (k, (width, own)) in widths.iter().enumerate() {
+        weight += own;
+        sum += own * width.max(1e-3).ln();
+        if weight < MIN_SHARE * all || weight > (1.0 - MIN_SHARE) * all {
+            continue;
+        }
+        let means = [sum / weight, (total - sum) / (all - weight)];
+        let between = weight * (all - weight) * (means[1] - means[0]).powi(2);
+        if best.is_none_or(|b| between > b.0) {
+            best = Some((between, k, means[0], means[1]));
+        }
+    }
+    let (_, _, thin, wide) = best?;
+    (wide - thin >= MIN_RATIO.ln()).then(|| ((0.5 * (thin + wide)).exp(), wide.exp()))
+}
+
+/// Median of the coverage summed across a piece.
+fn width_of(piece: &Piece, ink: &Ink, usual: f64) -> f64 {
+    let points = if piece.points.len() >= 3 { &piece.points } else { &piece.raw };
+    let step = points.len().div_ceil(25).max(1);
+    let mut widths: Vec<f64> = (points.iter().step_by(step))
+        .map(|p| across(ink, *p, piece.shape.normal(*p), 2.0 * usual + 4.0))
+        .collect();
+    widths.sort_by(f64::total_cmp);
+    widths.get(widths.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Coverage along a direction up to the edges of a line.
+fn across(ink: &Ink, p: [f64; 2], along: [f64; 2], reach: f64) -> f64 {
+    const STEP: f64 = 0.5;
+    let coverage = |t: f64| ink.at([p[0] + t * along[0], p[1] + t * along[1]]);
+    let own = coverage(0.0);
+    let mut sum = own;
+    for side in [1.0, -1.0] {
+        let mut least = own;
+        let mut t = STEP;
+        while t <= reach {
+            let c = coverage(side * t);
+            if c < 0.04 || (least < 0.6 * own && c > least + 0.04) {
+                break;
+            }
+            least = least.min(c);
+            sum += c;
+            t += STEP;
+        }
+    }
+    STEP * sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(dashes: &[[f64; 2]]) -> ThinLine {
+        let dashes = dashes.iter().map(|[from, to]| Dash { from: *from, to: *to }).collect();
+        ThinLine { pieces: Vec::new(), dashes }
+    }
+
+    /// Short first and last dashes are usual for hidden lines; a short one between long ones is not.
+    #[test]
+    fn chain_lines_have_short_dashes_between_long_ones() {
+        assert!(!line(&[[0.0, 3.0], [8.0, 20.0], [25.0, 37.0], [42.0, 44.0]]).is_chain());
+        assert!(line(&[[0.0, 30.0], [35.0, 37.0], [42.0, 72.0]]).is_chain());
+        let usual = usual_dash(&[line(&[[0.0, 3.0], [8.0, 20.0], [25.0, 37.0]])]);
+        assert_eq!(usual, Some(12.0));
+    }
+
+    #[test]
+    fn widths_are_of_two_kinds_only_if_they_differ_clearly() {
+        let (limit, wide) = two_widths(vec![(1.0, 50.0), (1.1, 40.0), (2.0, 30.0), (2.1, 60.0)]).unwrap();
+        assert!(limit > 1.1 && limit < 2.0 && (wide - 2.07).abs() < 0.05, "{limit} {wide}");
+        assert!(two_widths(vec![(1.9, 50.0), (2.0, 40.0), (2.1, 60.0)]).is_none());
+        assert!(two_widths(Vec::new()).is_none());
+    }
+}
