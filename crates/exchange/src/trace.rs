@@ -94,6 +94,18 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
             boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect()
         }
     };
+    if let Ok(to) = std::env::var("TRACE_DEBUG") { // DEBUG
+        eprintln!("size {}x{} scale {scale:?} wide {wide:?} placement {:?}", ink.columns, ink.rows, sheet.placement()); // DEBUG
+        eprintln!("boxes {boxes:?}"); // DEBUG
+        let mut text = format!("P5 {} {} 255\n", ink.columns, ink.rows).into_bytes(); // DEBUG
+        text.extend(ink.coverage.iter().map(|c| (255.0 * (1.0 - c.clamp(0.0, 1.0))) as u8)); // DEBUG
+        let _ = std::fs::write(format!("{to}.pgm"), text); // DEBUG
+        let mut lines = String::new(); // DEBUG
+        for p in &pieces.pieces { // DEBUG
+            lines += &format!("{:?} {} {:?} {:?} {}\n", p.is_thin, p.is_dropped, p.ends, p.nodes, p.raw.len()); // DEBUG
+        } // DEBUG
+        let _ = std::fs::write(format!("{to}.txt"), lines); // DEBUG
+    } // DEBUG
     for piece in &mut pieces.pieces {
         let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
         piece.is_dropped |= !boxes.iter().any(is_in);

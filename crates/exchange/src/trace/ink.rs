@@ -69,9 +69,12 @@ impl Ink {
 
     /// Ink by its contrast: about 0 on paper and 1 on wide lines.
     pub(super) fn from_contrast(columns: usize, rows: usize, contrast: Vec<f32>) -> Self {
-        // Outside of the page, contrast is exactly zero.
+        // Outside of the page, contrast is exactly zero, as is that of the paper of clean pictures.
         let mut noise: Vec<f32> = contrast.iter().map(|c| c.abs()).filter(|c| *c > 0.0).collect();
-        let noise = 1.48 * ranked(&mut noise, 0.5);
+        let noise = match noise.len() * 5 > contrast.len() {
+            true => 1.48 * ranked(&mut noise, 0.5),
+            false => 0.0,
+        };
         let coverage: Vec<f32> = contrast.into_iter().map(|c| c.clamp(-1.0, 1.0)).collect();
         let level = COVERED.max(NOISE_FACTOR * noise);
         let faintest = FAINTEST.max(NOISE_FACTOR * noise);

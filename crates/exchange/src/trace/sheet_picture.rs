@@ -15,6 +15,9 @@ use planish_solid::sheet::SheetDimension;
 /// Probability from which the number of a dimension is used.
 const READ: f64 = 0.9;
 
+/// Probability from which the pixels of a word are no part of a view.
+const CLEAR: f64 = 0.8;
+
 /// Ink of the views of a picture, and how the sheet lies in it.
 pub(super) struct SheetPicture {
     pub(super) ink: Ink,
@@ -25,6 +28,24 @@ pub(super) struct SheetPicture {
     picture_from_sheet: Matrix3<f64>,
     /// Texts of a sheet.
     texts: Option<PictureText>,
+}
+
+/// Clears the pixels of clear words. Line work may look like a word.
+fn clear_words(ink: &mut Ink, texts: &PictureText) {
+    for word in texts.words.iter().filter(|w| w.confidence >= CLEAR) {
+        let range = |k: usize, size: usize| {
+            let low = word.corners.iter().map(|c| c[k]).fold(f64::MAX, f64::min) - 0.3 * word.height;
+            let high = word.corners.iter().map(|c| c[k]).fold(f64::MIN, f64::max) + 0.3 * word.height;
+            low.max(0.0) as usize..(high.max(0.0) as usize + 1).min(size)
+        };
+        for y in range(1, ink.rows) {
+            for x in range(0, ink.columns) {
+                if texts.mask[y * ink.columns + x] {
+                    ink.clear(y * ink.columns + x);
+                }
+            }
+        }
+    }
 }
 
 impl SheetPicture {
@@ -46,7 +67,7 @@ impl SheetPicture {
         let is_sheet = has_frame || placement.is_some();
         let texts = is_sheet.then(|| read_words(&ink.image()));
         if let Some(texts) = &texts {
-            (0..texts.mask.len()).filter(|k| texts.mask[*k]).for_each(|k| ink.clear(k));
+            clear_words(&mut ink, texts);
         }
         let inverse = placement.as_ref().and_then(|p| p.sheet_from_picture.try_inverse());
         let picture_from_sheet = inverse.unwrap_or_else(Matrix3::identity);
@@ -72,7 +93,7 @@ impl SheetPicture {
         if self.has_frame {
             parts.push("the frame with its title block".to_owned());
         }
-        let words = self.texts.as_ref().map_or(0, |t| t.words.len());
+        let words = self.texts.as_ref().map_or(0, |t| t.words.iter().filter(|w| w.confidence >= CLEAR).count());
         if words > 0 {
             parts.push(format!("{words} × text"));
         }

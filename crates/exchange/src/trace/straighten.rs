@@ -111,7 +111,6 @@ impl Placement {
             (0..2).flat_map(agreeing).map(|s| s.weight).sum::<f64>()
         };
         let rotated = length([(rotation.0, 0.0), (-rotation.0, 0.0)]);
-        let size = (ink.columns as f64, ink.rows as f64);
         let made = match points {
             [Some(h), Some(v)]
                 if page.is_some()
@@ -122,8 +121,9 @@ impl Placement {
             _ => Self::with_rotation(rotation, middle),
         };
         let scale = (WIDTH / width).min(1.0);
-        let is_straight =
-            made.perspective == Perspective::None && rotation.0.abs() * size.0.max(size.1) < NEGLIGIBLE;
+        let is_known = rotation.0.abs() > 3.0 * rotation.1;
+        let is_turned = is_known && rotation.0.abs() * ink.columns.max(ink.rows) as f64 > NEGLIGIBLE;
+        let is_straight = made.perspective == Perspective::None && !is_turned;
         (!is_straight || scale < 0.9).then(|| made.scaled(scale))
     }
 

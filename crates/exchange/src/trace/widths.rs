@@ -8,6 +8,7 @@ use super::joining::max_gap;
 use super::marks::PixelBox;
 use super::moments::Shape;
 use super::pieces::{LineScale, Piece, PieceGraph};
+use planish_solid::views::distance;
 
 /// Minimum ratio of both widths, and minimum share of the length of each.
 const MIN_RATIO: f64 = 1.45;
@@ -24,6 +25,8 @@ const CONTINUOUS: f64 = 1.5;
 const USUAL_DASH: f64 = 8.0;
 /// Longest remainder of an arrowhead, in wide widths.
 const ARROWHEAD: f64 = 8.0;
+/// Largest letter, in wide widths: texts are about ten times as high as visible lines are wide (ISO 3098).
+const LETTER: f64 = 12.0;
 /// Minimum size of an outline, relative to the picture.
 const MIN_OUTLINE: f64 = 0.02;
 
@@ -50,7 +53,8 @@ impl PieceGraph {
         let dash = usual_dash(&lines).unwrap_or(USUAL_DASH * wide);
         let mut dropped = Vec::new();
         for line in &lines {
-            if line.is_chain() || line.dashes.iter().any(|d| d.length() > CONTINUOUS * dash) {
+            let is_long = line.dashes.iter().any(|d| d.length() > CONTINUOUS * dash);
+            if is_long || line.is_chain() || self.ends_in_the_open(line, scale) {
                 dropped.extend(line.pieces.iter().copied());
             }
         }
@@ -84,15 +88,56 @@ impl PieceGraph {
             count += rests.len();
             rests.iter().for_each(|k| self.pieces[*k].is_dropped = true);
         }
+        count += self.drop_letters(wide);
         for members in &mut self.members {
             members.retain(|k| !self.pieces[*k].is_dropped);
         }
         count
     }
 
-    /// Boxes of connected wide lines with a loop; boxes that overlap are one.
-    pub(super) fn outline_boxes(&self, size: f64) -> Vec<PixelBox> {
-        let mut group: Vec<usize> = (0..self.pieces.len()).collect();
+    /// Whether a line ends where no other line is within a gap: hidden lines end at other lines.
+    fn ends_in_the_open(&self, line: &ThinLine, scale: LineScale) -> bool {
+        let gaps = line.dashes.windows(2).map(|d| d[1].from - d[0].to);
+        let gap = gaps.fold(0.0, f64::max);
+        let gap = if gap > 0.0 { gap } else { max_gap(scale) };
+        let reach = 1.3 * gap + 1.5 * scale.width + 3.0;
+        line.ends.iter().any(|(k, end)| {
+            self.pieces[*k].nodes[*end].is_none() && self.nearest_crossing(*k, *end, reach).is_none()
+        })
+    }
+
+    /// Drops small connected pieces that are neither a circle nor dashes: letters at other angles than those
+    /// that are read.
+    fn drop_letters(&mut self, wide: f64) -> usize {
+        let groups = self.connected(|p| !p.is_dropped);
+        let mut boxes = vec![[[f64::MAX, f64::MIN]; 2]; self.pieces.len()];
+        let mut is_letter = vec![true; self.pieces.len()];
+        for k in (0..self.pieces.len()).filter(|k| !self.pieces[*k].is_dropped) {
+            let (piece, own) = (&self.pieces[k], groups[k]);
+            let is_dash = piece.is_thin == Some(true) && matches!(piece.shape, Shape::Line(..));
+            let is_arc = matches!(piece.shape, Shape::Circle(_, r) if r > wide);
+            is_letter[own] &= !(piece.is_closed || (is_dash && piece.nodes == [None; 2]) || is_arc && {
+                let members = (0..self.pieces.len()).filter(|j| groups[*j] == own && !self.pieces[*j].is_dropped);
+                let mut arcs = members.map(|j| self.pieces[j].shape);
+                arcs.all(|s| matches!((s, piece.shape), (Shape::Circle(a, p), Shape::Circle(b, q))
+                    if distance(a, b) < 2.0 && (p - q).abs() < 2.0))
+            });
+            for p in &piece.raw {
+                for (range, c) in boxes[own].iter_mut().zip(p) {
+                    *range = [range[0].min(*c), range[1].max(*c)];
+                }
+            }
+        }
+        let is_small = |own: usize| boxes[own].iter().all(|r| r[1] - r[0] <= LETTER * wide);
+        let letters: Vec<usize> = (0..self.pieces.len())
+            .filter(|k| !self.pieces[*k].is_dropped && is_letter[groups[*k]] && is_small(groups[*k]))
+            .collect();
+        letters.iter().for_each(|k| self.pieces[*k].is_dropped = true);
+        letters.len()
+    }
+
+    /// For each piece, the number of a piece that it is connected with over nodes, the same for all.
+    fn connected(&self, is_used: impl Fn(&Piece) -> bool) -> Vec<usize> {
         fn root(group: &mut [usize], mut k: usize) -> usize {
             while group[k] != k {
                 group[k] = group[group[k]];
@@ -100,26 +145,33 @@ impl PieceGraph {
             }
             k
         }
-        let is_wide = |k: usize| !self.pieces[k].is_dropped && self.pieces[k].is_thin == Some(false);
-        let mut nodes = vec![0_i64; self.pieces.len()];
-        let members: Vec<Vec<usize>> = (self.members.iter())
-            .map(|m| m.iter().copied().filter(|k| is_wide(*k)).collect())
-            .collect();
-        for members in &members {
-            for pair in members.windows(2) {
-                let (a, b) = (root(&mut group, pair[0]), root(&mut group, pair[1]));
+        let mut group: Vec<usize> = (0..self.pieces.len()).collect();
+        for members in &self.members {
+            let mut first = None;
+            for k in members.iter().copied().filter(|k| is_used(&self.pieces[*k])) {
+                let (a, b) = (root(&mut group, k), root(&mut group, *first.get_or_insert(k)));
                 group[a] = b;
             }
         }
-        for members in members.iter().filter(|m| !m.is_empty()) {
-            nodes[root(&mut group, members[0])] += 1;
+        (0..group.len()).map(|k| root(&mut group, k)).collect()
+    }
+
+    /// Boxes of connected wide lines with a loop; boxes that overlap are one.
+    pub(super) fn outline_boxes(&self, size: f64) -> Vec<PixelBox> {
+        let is_wide = |p: &Piece| !p.is_dropped && p.is_thin == Some(false);
+        let groups = self.connected(is_wide);
+        // Edges minus nodes of a connected graph: −1 for a tree, more for each loop.
+        let mut loops = vec![0_i64; self.pieces.len()];
+        for members in &self.members {
+            if let Some(k) = members.iter().find(|k| is_wide(&self.pieces[**k])) {
+                loops[groups[*k]] -= 1;
+            }
         }
-        let mut edges = vec![0_i64; self.pieces.len()];
         let mut boxes = vec![[[f64::MAX, f64::MIN]; 2]; self.pieces.len()];
-        for k in (0..self.pieces.len()).filter(|k| is_wide(*k)) {
-            let (piece, own) = (&self.pieces[k], root(&mut group, k));
+        for (k, piece) in self.pieces.iter().enumerate().filter(|(_, p)| is_wide(p)) {
+            let own = groups[k];
             let free = piece.nodes.iter().filter(|n| n.is_none()).count() as i64;
-            edges[own] += if piece.is_closed { 1 } else { 1 - free };
+            loops[own] += if piece.is_closed { 1 } else { 1 - free };
             for p in piece.raw.iter().chain(&piece.ends) {
                 for (range, c) in boxes[own].iter_mut().zip(p) {
                     *range = [range[0].min(*c), range[1].max(*c)];
@@ -128,7 +180,7 @@ impl PieceGraph {
         }
         let extent = |k: &usize| boxes[*k].iter().map(|r| r[1] - r[0]).fold(0.0, f64::max);
         let outlines = (0..boxes.len())
-            .filter(|k| edges[*k] - nodes[*k] >= 0 && boxes[*k][0][0] <= boxes[*k][0][1])
+            .filter(|k| loops[*k] >= 0 && boxes[*k][0][0] <= boxes[*k][0][1])
             .filter(|k| extent(k) >= MIN_OUTLINE * size);
         super::marks::joined_boxes(outlines.map(|k| boxes[k]))
     }
@@ -153,8 +205,13 @@ impl PieceGraph {
             let Shape::Line(at, along) = self.pieces[first].shape else { continue };
             let place = |p: &[f64; 2]| (p[0] - at[0]) * along[0] + (p[1] - at[1]) * along[1];
             let off = |p: &[f64; 2]| (along[0] * (p[1] - at[1]) - along[1] * (p[0] - at[0])).abs();
+            // The ends of skeletons are inaccurate.
+            let is_near = |k: usize| {
+                let raw = &self.pieces[k].raw;
+                [raw.len() / 5, raw.len() / 2, raw.len() - 1 - raw.len() / 5].iter().all(|n| off(&raw[*n]) <= SAME_LINE)
+            };
             let mut beside: Vec<(Dash, usize)> = (thin.iter().copied())
-                .filter(|k| !is_used[*k] && self.pieces[*k].ends.iter().all(|p| off(p) <= SAME_LINE))
+                .filter(|k| *k == first || !is_used[*k] && is_near(*k))
                 .map(|k| {
                     let ends = [0, 1].map(|e| place(&self.pieces[k].ends[e]));
                     (Dash { from: ends[0].min(ends[1]), to: ends[0].max(ends[1]) }, k)
@@ -170,7 +227,12 @@ impl PieceGraph {
             while high + 1 < beside.len() && beside[high + 1].0.from - beside[high].0.to <= reach {
                 high += 1;
             }
-            let mut line = ThinLine { pieces: Vec::new(), dashes: Vec::new() };
+            let end_at = |k: usize, last: bool| {
+                let ends = [0, 1].map(|e| place(&self.pieces[k].ends[e]));
+                (k, usize::from((ends[1] > ends[0]) == last))
+            };
+            let ends = [end_at(beside[low].1, false), end_at(beside[high].1, true)];
+            let mut line = ThinLine { pieces: Vec::new(), dashes: Vec::new(), ends };
             for (dash, k) in &beside[low..=high] {
                 is_used[*k] = true;
                 line.pieces.push(*k);
@@ -204,6 +266,8 @@ impl Dash {
 struct ThinLine {
     pieces: Vec<usize>,
     dashes: Vec<Dash>,
+    /// The piece and its end (0 or 1) at both ends of the line.
+    ends: [(usize, usize); 2],
 }
 
 impl ThinLine {
@@ -292,7 +356,7 @@ mod tests {
 
     fn line(dashes: &[[f64; 2]]) -> ThinLine {
         let dashes = dashes.iter().map(|[from, to]| Dash { from: *from, to: *to }).collect();
-        ThinLine { pieces: Vec::new(), dashes }
+        ThinLine { pieces: Vec::new(), dashes, ends: [(0, 0); 2] }
     }
 
     /// Short first and last dashes are usual for hidden lines; a short one between long ones is not.
