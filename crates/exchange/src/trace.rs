@@ -107,7 +107,9 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
         let _ = std::fs::write(format!("{to}.txt"), lines); // DEBUG
     } // DEBUG
     for piece in &mut pieces.pieces {
-        let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
+        // Hidden lines end at visible ones.
+        let margin = if piece.is_thin == Some(true) { 1.0 } else { 2.0 };
+        let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, margin));
         piece.is_dropped |= !boxes.iter().any(is_in);
     }
     pieces.join_at_nodes();

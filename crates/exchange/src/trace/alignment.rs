@@ -67,6 +67,7 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
     let view_of = views_of(graph, boxes);
     let extents: Vec<Extent> = (0..boxes.len()).map(|v| extent_of(graph, &view_of, v)).collect();
     let layout = layout_of(&extents);
+    if std::env::var("TRACE_DEBUG").is_ok() { eprintln!("extents {extents:?} layout {layout:?}"); } // DEBUG
     let mut values = Values::new(graph, &view_of, scale);
     let frames = frames_of(&extents, layout.as_ref());
     let groups = values.grouped(&frames, scale);
@@ -100,6 +101,7 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             [0, 1].map(|k| [all[k][0].min(b[k][0]), all[k][1].max(b[k][1])])
         });
         let is_off = |k: usize| (bounds[k][1] - bounds[k][0] - own[k].extent).abs() > MAX_MISFIT * largest;
+        if std::env::var("TRACE_DEBUG").is_ok() { eprintln!("view {v} {:?} bounds {bounds:?} frame {own:?}", layout.as_ref().map(|l| l.kinds[v])); } // DEBUG
         if layout.as_ref().is_none_or(|l| l.kinds[v].is_none()) || is_off(0) || is_off(1) {
             let [[left, right], [bottom, top]] = extents[v];
             return Err(Error::input(format!(
@@ -228,7 +230,9 @@ fn views_of(graph: &PieceGraph, boxes: &[PixelBox]) -> Vec<Option<usize>> {
 }
 
 fn extent_of(graph: &PieceGraph, view_of: &[Option<usize>], view: usize) -> Extent {
-    let own = (0..graph.pieces.len()).filter(|k| view_of[*k] == Some(view) && !graph.pieces[*k].is_dropped);
+    // Hidden lines do not reach beyond visible ones.
+    let is_used = |p: &Piece| !p.is_dropped && p.is_thin != Some(true);
+    let own = (0..graph.pieces.len()).filter(|k| view_of[*k] == Some(view) && is_used(&graph.pieces[*k]));
     own.fold([[f64::MAX, f64::MIN]; 2], |all, k| {
         let bounds = graph.placed_curve(k).bounds();
         [0, 1].map(|c| [all[c][0].min(bounds[c][0]), all[c][1].max(bounds[c][1])])
