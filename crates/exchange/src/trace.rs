@@ -120,6 +120,7 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     let dash = 1.2 * dash + scale.width;
     pieces.close_ends(dash, scale);
     pieces.place_nodes();
+    pieces.keep_nodes_in(&boxes);
     for piece in &mut pieces.pieces {
         piece.is_hidden = piece.is_thin.unwrap_or(piece.is_hidden);
     }

@@ -93,6 +93,7 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             Some(AlignedCurve { curve, piece: k })
         })
         .collect();
+    if std::env::var("TRACE_DEBUG").is_ok() { for c in &curves { let b = c.curve.bounds(); if let Some(v) = view_of[c.piece] { let e = boxes[v]; let p = &graph.pieces[c.piece]; if (0..2).any(|k| b[k][0] < e[k][0] - 2.5 || b[k][1] > e[k][1] + 2.5) { eprintln!("beyond {:?} shape {:?} nodes {:?} at {:?} ends {:?} n {} thin {:?}", c.curve, p.shape, p.nodes, p.nodes.map(|n| n.map(|n| graph.nodes[n])), p.ends, p.points.len(), p.is_thin); } } } } // DEBUG
     // Otherwise a view would be left out, and two views have more solids than three.
     let largest = frames.iter().flatten().map(|f| f.extent).fold(0.0, f64::max);
     for (v, own) in frames.iter().enumerate() {
@@ -165,10 +166,23 @@ fn curve_of(
     let angle = |p: [f64; 2], c: [f64; 2]| (p[1] - c[1]).atan2(p[0] - c[0]);
     let turn = |a: f64, b: f64| (b - a).rem_euclid(TAU);
     let (s, m, e) = (angle(raw[0], own), angle(middle, own), angle(raw[1], own));
-    let (from, to) = if turn(s, m) <= turn(s, e) { (a, b) } else { (b, a) };
+    let (from, to) = if is_first_arc(piece, [turn(s, e), turn(e, s)], turn(s, m)) { (a, b) } else { (b, a) };
     let start = angle(from, center);
     let sweep = turn(start, angle(to, center));
     (sweep > 1e-6).then_some(Curve2::Arc { center, radius, start, sweep })
+}
+
+/// Whether an arc runs from its first to its second node counter-clockwise: `turns` is the angle from the
+/// first to the second node and that back, `middle` the angle to its middle.
+fn is_first_arc(piece: &Piece, turns: [f64; 2], middle: f64) -> bool {
+    let Shape::Circle(_, radius) = piece.shape else { return true };
+    // Nodes of short arcs may have moved past the middle; then the length decides.
+    let length = piece.raw.len() as f64;
+    let off = turns.map(|turn| (radius * turn - length).abs());
+    match off[0].max(off[1]) > 3.0 * off[0].min(off[1]) + 5.0 {
+        true => off[0] < off[1],
+        false => middle <= turns[0],
+    }
 }
 
 /// How a coordinate of a view is one of the part: part = sign · (sheet − offset).
@@ -246,7 +260,17 @@ impl PieceGraph {
         match piece.nodes {
             [Some(a), Some(b)] if !piece.is_closed => {
                 let middle = piece.points.get(piece.points.len() / 2).copied().unwrap_or(piece.ends[0]);
-                piece.shape.between(self.nodes[a], middle, self.nodes[b])
+                let [a, b] = [self.nodes[a], self.nodes[b]];
+                let Shape::Circle(center, radius) = piece.shape else {
+                    return piece.shape.between(a, middle, b);
+                };
+                let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+                let turn = |from: f64, to: f64| (to - from).rem_euclid(TAU);
+                let [s, m, e] = [a, middle, b].map(angle);
+                match is_first_arc(piece, [turn(s, e), turn(e, s)], turn(s, m)) {
+                    true => Curve2::Arc { center, radius, start: s, sweep: turn(s, e) },
+                    false => Curve2::Arc { center, radius, start: e, sweep: turn(e, s) },
+                }
             }
             _ => piece.raw_curve(),
         }

@@ -31,6 +31,8 @@ const TAPER: f64 = 1.7;
 const ARROWHEAD: f64 = 8.0;
 /// Largest letter, in wide widths: texts are about ten times as high as visible lines are wide (ISO 3098).
 const LETTER: f64 = 12.0;
+/// Accuracy of the box of an outline in pixels.
+const OUTSIDE: f64 = 0.5;
 /// Minimum size of an outline, relative to the picture.
 const MIN_OUTLINE: f64 = 0.02;
 
@@ -168,6 +170,18 @@ impl PieceGraph {
             }
         }
         (0..group.len()).map(|k| root(&mut group, k)).collect()
+    }
+
+    /// Moves nodes that near-parallel lines have drawn out of the outline of their view back to it.
+    pub(super) fn keep_nodes_in(&mut self, boxes: &[PixelBox]) {
+        for piece in self.pieces.iter().filter(|p| !p.is_dropped && p.is_thin.is_some()) {
+            let Some(own) = boxes.iter().find(|b| super::marks::contains(b, piece.ends[0], 2.0)) else { continue };
+            for node in piece.nodes.into_iter().flatten() {
+                for (c, [low, high]) in self.nodes[node].iter_mut().zip(own) {
+                    *c = c.clamp(low - OUTSIDE, high + OUTSIDE);
+                }
+            }
+        }
     }
 
     /// Boxes of connected wide lines with a loop; boxes that overlap are one.
