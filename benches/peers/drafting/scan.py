@@ -76,6 +76,9 @@ def rendered(doc, known, unit, dpi):
     axis.set_xlim(0, unit * wide)
     axis.set_ylim(0, unit * tall)
     axis.set_aspect("auto")
+    # Otherwise lines along an axis are moved to whole pixels.
+    for artist in axis.get_children():
+        artist.set_snap(False)
     axis.axis("off")
     figure.canvas.draw()
     ink = 1.0 - numpy.asarray(figure.canvas.buffer_rgba())[..., 0].astype(numpy.float32) / 255.0

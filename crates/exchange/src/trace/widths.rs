@@ -31,6 +31,8 @@ const TAPER: f64 = 1.7;
 const ARROWHEAD: f64 = 8.0;
 /// Largest letter, in wide widths: texts are about ten times as high as visible lines are wide (ISO 3098).
 const LETTER: f64 = 12.0;
+/// Share of the length of a small hole that is one circle.
+const HOLE_SHARE: f64 = 0.6;
 /// Accuracy of the box of an outline in pixels.
 const OUTSIDE: f64 = 0.5;
 /// Minimum size of an outline, relative to the picture.
@@ -63,8 +65,7 @@ impl PieceGraph {
         let dash = usual_dash(&lines).unwrap_or(USUAL_DASH * wide);
         let mut dropped = Vec::new();
         for line in &lines {
-            let is_long = line.dashes.iter().any(|d| d.length() > CONTINUOUS * dash);
-            if is_long || line.is_chain() || self.is_mark(line) || self.ends_in_the_open(line, scale) {
+            if line.is_continuous(CONTINUOUS * dash) || line.is_chain() || self.is_mark(line) || self.ends_in_the_open(line, scale) {
                 dropped.extend(line.pieces.iter().copied());
             }
         }
@@ -128,16 +129,25 @@ impl PieceGraph {
         let groups = self.connected(|p| !p.is_dropped);
         let mut boxes = vec![[[f64::MAX, f64::MIN]; 2]; self.pieces.len()];
         let mut is_letter = vec![true; self.pieces.len()];
+        let (mut length, mut on_circle) = (vec![0; self.pieces.len()], vec![0; self.pieces.len()]);
         for k in (0..self.pieces.len()).filter(|k| !self.pieces[*k].is_dropped) {
             let (piece, own) = (&self.pieces[k], groups[k]);
             let is_dash = piece.is_thin == Some(true) && matches!(piece.shape, Shape::Line(..));
-            let is_arc = matches!(piece.shape, Shape::Circle(_, r) if r > wide);
-            is_letter[own] &= !(piece.is_closed || (is_dash && piece.nodes == [None; 2]) || is_arc && {
-                let members = (0..self.pieces.len()).filter(|j| groups[*j] == own && !self.pieces[*j].is_dropped);
-                let mut arcs = members.map(|j| self.pieces[j].shape);
-                arcs.all(|s| matches!((s, piece.shape), (Shape::Circle(a, p), Shape::Circle(b, q))
-                    if distance(a, b) < 2.0 && (p - q).abs() < 2.0))
-            });
+            is_letter[own] &= !(piece.is_closed || is_dash && piece.nodes == [None; 2]);
+            length[own] += piece.raw.len();
+            if let Shape::Circle(center, radius) = piece.shape
+                && radius > wide
+            {
+                let same = |j: &usize| match self.pieces[*j].shape {
+                    Shape::Circle(other, r) => {
+                        let is_near = distance(other, center) < 2.0 && (r - radius).abs() < 2.0;
+                        is_near && groups[*j] == own && !self.pieces[*j].is_dropped
+                    }
+                    Shape::Line(..) => false,
+                };
+                let arcs: usize = (0..self.pieces.len()).filter(same).map(|j| self.pieces[j].raw.len()).sum();
+                on_circle[own] = on_circle[own].max(arcs);
+            }
             for p in &piece.raw {
                 for (range, c) in boxes[own].iter_mut().zip(p) {
                     *range = [range[0].min(*c), range[1].max(*c)];
@@ -145,8 +155,11 @@ impl PieceGraph {
             }
         }
         let is_small = |own: usize| boxes[own].iter().all(|r| r[1] - r[0] <= LETTER * wide);
+        // A hole, also if the rest of an arrowhead touches it.
+        let is_hole = |own: usize| on_circle[own] as f64 >= HOLE_SHARE * length[own] as f64;
         let letters: Vec<usize> = (0..self.pieces.len())
-            .filter(|k| !self.pieces[*k].is_dropped && is_letter[groups[*k]] && is_small(groups[*k]))
+            .filter(|k| !self.pieces[*k].is_dropped)
+            .filter(|k| is_letter[groups[*k]] && is_small(groups[*k]) && !is_hole(groups[*k]))
             .collect();
         letters.iter().for_each(|k| self.pieces[*k].is_dropped = true);
         letters.len()
@@ -304,6 +317,14 @@ struct ThinLine {
 }
 
 impl ThinLine {
+    /// Whether most of it is in dashes longer than those of hidden lines. A line that crosses a hidden one in
+    /// a gap makes two of its dashes one.
+    fn is_continuous(&self, longest: f64) -> bool {
+        let all: f64 = self.dashes.iter().map(Dash::length).sum();
+        let long: f64 = self.dashes.iter().map(Dash::length).filter(|length| *length > longest).sum();
+        long > 0.5 * all
+    }
+
     /// Whether it has alternating dashes. Dashes of a hidden line have one length, except for the first and
     /// the last, which may be shorter.
     fn is_chain(&self) -> bool {
