@@ -94,18 +94,6 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
             boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect()
         }
     };
-    if let Ok(to) = std::env::var("TRACE_DEBUG") { // DEBUG
-        eprintln!("size {}x{} scale {scale:?} wide {wide:?} placement {:?}", ink.columns, ink.rows, sheet.placement()); // DEBUG
-        eprintln!("boxes {boxes:?}"); // DEBUG
-        let mut text = format!("P5 {} {} 255\n", ink.columns, ink.rows).into_bytes(); // DEBUG
-        text.extend(ink.coverage.iter().map(|c| (255.0 * (1.0 - c.clamp(0.0, 1.0))) as u8)); // DEBUG
-        let _ = std::fs::write(format!("{to}.pgm"), text); // DEBUG
-        let mut lines = String::new(); // DEBUG
-        for p in &pieces.pieces { // DEBUG
-            lines += &format!("{:?} {} {:?} {:?} {}\n", p.is_thin, p.is_dropped, p.ends, p.nodes, p.raw.len()); // DEBUG
-        } // DEBUG
-        let _ = std::fs::write(format!("{to}.txt"), lines); // DEBUG
-    } // DEBUG
     for piece in &mut pieces.pieces {
         // Hidden lines end at visible ones.
         let margin = if piece.is_thin == Some(true) { 1.0 } else { 2.0 };
@@ -116,6 +104,7 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
     pieces.fit_fillets();
     let dash = pieces.usual_dash(scale);
     pieces.join_dashes(scale);
+    pieces.straighten_flat_arcs();
     let scale = pieces.with_rounding(scale);
     let dash = 1.2 * dash + scale.width;
     pieces.close_ends(dash, scale);

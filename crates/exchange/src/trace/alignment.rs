@@ -67,7 +67,6 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
     let view_of = views_of(graph, boxes);
     let extents: Vec<Extent> = (0..boxes.len()).map(|v| extent_of(graph, &view_of, v)).collect();
     let layout = layout_of(&extents);
-    if std::env::var("TRACE_DEBUG").is_ok() { eprintln!("extents {extents:?} layout {layout:?}"); } // DEBUG
     let mut values = Values::new(graph, &view_of, scale);
     let frames = frames_of(&extents, layout.as_ref());
     let groups = values.grouped(&frames, scale);
@@ -93,7 +92,6 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             Some(AlignedCurve { curve, piece: k })
         })
         .collect();
-    if std::env::var("TRACE_DEBUG").is_ok() { for c in &curves { let b = c.curve.bounds(); if let Some(v) = view_of[c.piece] { let e = boxes[v]; let p = &graph.pieces[c.piece]; if (0..2).any(|k| b[k][0] < e[k][0] - 2.5 || b[k][1] > e[k][1] + 2.5) { eprintln!("beyond {:?} shape {:?} nodes {:?} at {:?} ends {:?} n {} thin {:?}", c.curve, p.shape, p.nodes, p.nodes.map(|n| n.map(|n| graph.nodes[n])), p.ends, p.points.len(), p.is_thin); } } } } // DEBUG
     // Otherwise a view would be left out, and two views have more solids than three.
     let largest = frames.iter().flatten().map(|f| f.extent).fold(0.0, f64::max);
     for (v, own) in frames.iter().enumerate() {
@@ -102,7 +100,6 @@ pub(super) fn aligned(graph: &PieceGraph, boxes: &[PixelBox], scale: LineScale) 
             [0, 1].map(|k| [all[k][0].min(b[k][0]), all[k][1].max(b[k][1])])
         });
         let is_off = |k: usize| (bounds[k][1] - bounds[k][0] - own[k].extent).abs() > MAX_MISFIT * largest;
-        if std::env::var("TRACE_DEBUG").is_ok() { eprintln!("view {v} {:?} bounds {bounds:?} frame {own:?}", layout.as_ref().map(|l| l.kinds[v])); } // DEBUG
         if layout.as_ref().is_none_or(|l| l.kinds[v].is_none()) || is_off(0) || is_off(1) {
             let [[left, right], [bottom, top]] = extents[v];
             return Err(Error::input(format!(

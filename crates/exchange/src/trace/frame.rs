@@ -13,6 +13,8 @@ const SPAN: f64 = 0.75;
 const MAX_FILL: f64 = 0.1;
 /// Minimum share of the box of the frame that is the drawing area; with less, the frame has gaps.
 const MIN_AREA: f64 = 0.3;
+/// Minimum size of a view, relative to all ink; at least two are inside of a frame.
+const MIN_VIEW: f64 = 0.04;
 /// Rim around the frame that is cleared as well: blurred flanks of its lines, in pixels.
 const RIM: usize = 3;
 /// Shapes of fewer pixels are noise.
@@ -21,9 +23,9 @@ const MIN_PIXELS: usize = 200;
 /// Clears all ink outside of the drawing area; returns whether there is a frame.
 pub(super) fn clear_frame(ink: &mut Ink) -> bool {
     let mask = Mask { columns: ink.columns, rows: ink.rows, pixels: ink.mask.clone() };
-    let (labels, count) = mask.parts();
-    let mut boxes = vec![[usize::MAX, 0, usize::MAX, 0]; count + 1];
-    let mut pixels = vec![0_usize; count + 1];
+    let (labels, parts) = mask.parts();
+    let mut boxes = vec![[usize::MAX, 0, usize::MAX, 0]; parts + 1];
+    let mut pixels = vec![0_usize; parts + 1];
     for (k, label) in labels.iter().enumerate().filter(|(_, l)| **l > 0) {
         let (x, y) = (k % ink.columns, k / ink.columns);
         let own = &mut boxes[*label as usize];
@@ -31,12 +33,12 @@ pub(super) fn clear_frame(ink: &mut Ink) -> bool {
         pixels[*label as usize] += 1;
     }
     let size = |b: &[usize; 4]| [b[1].saturating_sub(b[0]) + 1, b[3].saturating_sub(b[2]) + 1];
-    let whole = (1..=count).filter(|k| pixels[*k] >= MIN_PIXELS).fold([usize::MAX, 0, usize::MAX, 0], |a, k| {
+    let whole = (1..=parts).filter(|k| pixels[*k] >= MIN_PIXELS).fold([usize::MAX, 0, usize::MAX, 0], |a, k| {
         let b = boxes[k];
         [a[0].min(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].max(b[3])]
     });
     let all = size(&whole);
-    let is_frame: Vec<bool> = (0..=count)
+    let is_frame: Vec<bool> = (0..=parts)
         .map(|k| {
             let [wide, high] = size(&boxes[k]);
             k > 0
@@ -53,6 +55,18 @@ pub(super) fn clear_frame(ink: &mut Ink) -> bool {
     let Some(area) = largest_region(&is_wall, ink.columns) else { return false };
     let count = area.iter().filter(|is_in| **is_in).count();
     if (count as f64) < MIN_AREA * (all[0] * all[1]) as f64 {
+        return false;
+    }
+    // The outline of a single view is no frame.
+    let is_view = |k: &usize| {
+        let [wide, high] = size(&boxes[*k]);
+        !is_frame[*k] && wide.max(high) as f64 >= MIN_VIEW * all[0].max(all[1]) as f64
+    };
+    let inside = |k: &usize| {
+        let [left, right, top, bottom] = boxes[*k];
+        area[(top + bottom) / 2 * ink.columns + (left + right) / 2]
+    };
+    if (1..=parts).filter(is_view).filter(inside).count() < 2 {
         return false;
     }
     for k in 0..area.len() {
@@ -118,7 +132,7 @@ fn largest_region(is_wall: &[bool], columns: usize) -> Option<Vec<bool>> {
 mod tests {
     use super::*;
 
-    /// A frame with a title block in its corner, a view, and a letter in a cell: the view is left.
+    /// A frame with a title block in its corner, two views, and a letter in a cell: the views are left.
     #[test]
     fn only_the_drawing_area_of_a_framed_sheet_is_left() {
         let (columns, rows) = (300, 200);
@@ -136,12 +150,13 @@ mod tests {
         rectangle(200, 150, 290, 190);
         rectangle(240, 160, 250, 175);
         rectangle(60, 60, 120, 110);
+        rectangle(150, 60, 190, 110);
         let mut ink = Ink::from_contrast(columns, rows, contrast);
         assert!(clear_frame(&mut ink));
         assert!(ink.mask[60 * columns + 80] && ink.mask[110 * columns + 80]);
         let left = ink.mask.iter().filter(|m| **m).count();
-        assert_eq!(left, 61 * 51 - 57 * 47);
-        // Three views without a frame stay.
-        assert!(!clear_frame(&mut ink) || ink.mask[60 * columns + 80]);
+        assert_eq!(left, 61 * 51 - 57 * 47 + 41 * 51 - 37 * 47);
+        // Views without a frame stay.
+        assert!(!clear_frame(&mut ink));
     }
 }

@@ -312,3 +312,52 @@ fn perspective_of(family: &[Slope]) -> Option<Vanishing> {
     }
     Some(Vanishing { slope, change, covariance })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ink of a grid of lines of a sheet, 2 pixels wide, seen through a map from the sheet to the picture.
+    fn grid(picture_from_sheet: &Matrix3<f64>, size: usize) -> Ink {
+        let back = picture_from_sheet.try_inverse().unwrap();
+        let near = |c: f64| 1.5 - (c - 100.0 * (c / 100.0).round()).abs();
+        let contrast = (0..size * size).map(|k| {
+            let p = mapped(&back, [(k % size) as f64, (k / size) as f64]);
+            near(p[0]).max(near(p[1])).clamp(0.0, 1.0) as f32
+        });
+        Ink::from_contrast(size, size, contrast.collect())
+    }
+
+    /// Largest change of angles and relative lengths of a square after rectification.
+    fn misfit(placement: &Placement, picture_from_sheet: &Matrix3<f64>) -> f64 {
+        let corners = [[120.0, 120.0], [480.0, 120.0], [480.0, 480.0], [120.0, 480.0]];
+        let [a, b, c, d] = corners.map(|p| placement.to_sheet(mapped(picture_from_sheet, p)));
+        let along = |p: [f64; 2], q: [f64; 2]| [q[0] - p[0], q[1] - p[1]];
+        let [ab, dc, ad, bc] = [along(a, b), along(d, c), along(a, d), along(b, c)];
+        let level = ab[1].abs().max(dc[1].abs()).max(ad[0].abs()).max(bc[0].abs());
+        level.max((ab[0] - dc[0]).abs()).max((ad[1] - bc[1]).abs())
+    }
+
+    #[test]
+    fn a_rotated_scan_is_turned_back() {
+        let (sin, cos) = 0.03_f64.sin_cos();
+        let map = Matrix3::new(cos, -sin, 10.0, sin, cos, -5.0, 0.0, 0.0, 1.0);
+        let placement = Placement::find(&grid(&map, 600), None).unwrap();
+        assert_eq!(placement.perspective, Perspective::None);
+        assert!((placement.rotation_rad - 0.03).abs() < 5e-5 + 3.0 * placement.sigma_rad, "{placement:?}");
+        assert!(misfit(&placement, &map) < 0.1, "{}", misfit(&placement, &map));
+    }
+
+    #[test]
+    fn perspective_is_found_from_lines_alone() {
+        let map = Matrix3::new(1.0, 0.01, 0.0, -0.02, 1.0, 12.0, 1e-4, 5e-5, 1.0);
+        let placement = Placement::find(&grid(&map, 600), None).unwrap();
+        assert_eq!(placement.perspective, Perspective::UnknownRatio);
+        assert!(misfit(&placement, &map) < 0.3, "{}", misfit(&placement, &map));
+    }
+
+    #[test]
+    fn a_straight_picture_is_left_as_it_is() {
+        assert_eq!(Placement::find(&grid(&Matrix3::identity(), 600), None), None);
+    }
+}

@@ -33,6 +33,8 @@ const ARROWHEAD: f64 = 8.0;
 const LETTER: f64 = 12.0;
 /// Share of the length of a small hole that is one circle.
 const HOLE_SHARE: f64 = 0.6;
+/// Bend of an arc in pixels below which its dashes may be those of a line.
+const FLAT: f64 = 0.8;
 /// Accuracy of the box of an outline in pixels.
 const OUTSIDE: f64 = 0.5;
 /// Minimum size of an outline, relative to the picture.
@@ -119,7 +121,25 @@ impl PieceGraph {
         let gap = if gap > 0.0 { gap } else { max_gap(scale) };
         let reach = 1.3 * gap + 1.5 * scale.width + 3.0;
         line.ends.iter().any(|(k, end)| {
-            self.pieces[*k].nodes[*end].is_none() && self.nearest_crossing(*k, *end, reach).is_none()
+            self.pieces[*k].nodes[*end].is_none()
+                && self.nearest_crossing(*k, *end, reach).is_none()
+                && !self.goes_on(line, (*k, *end), reach)
+        })
+    }
+
+    /// Whether another dash is ahead of an end: short dashes of an arc are straight.
+    fn goes_on(&self, line: &ThinLine, (k, end): (usize, usize), reach: f64) -> bool {
+        let (from, into) = (self.pieces[k].ends[end], self.pieces[k].outwards(end));
+        let is_ahead = |p: &[f64; 2]| {
+            let step = [p[0] - from[0], p[1] - from[1]];
+            let length = step[0].hypot(step[1]);
+            length <= reach && -(step[0] * into[0] + step[1] * into[1]) > 0.5 * length
+        };
+        self.pieces.iter().enumerate().any(|(other, piece)| {
+            piece.is_thin == Some(true)
+                && !piece.is_dropped
+                && !line.pieces.contains(&other)
+                && (0..2).any(|e| piece.nodes[e].is_none() && is_ahead(&piece.ends[e]))
         })
     }
 
@@ -183,6 +203,21 @@ impl PieceGraph {
             }
         }
         (0..group.len()).map(|k| root(&mut group, k)).collect()
+    }
+
+    /// Makes lines of dashed arcs that bend by less than a pixel: directions of short dashes are inaccurate.
+    pub(super) fn straighten_flat_arcs(&mut self) {
+        for piece in self.pieces.iter_mut().filter(|p| p.is_thin == Some(true) && !p.is_closed) {
+            let Shape::Circle(_, radius) = piece.shape else { continue };
+            let chord = distance(piece.ends[0], piece.ends[1]);
+            if chord * chord < 8.0 * FLAT * radius
+                && chord < radius
+                && let Some(fit) = piece.moments.line()
+            {
+                piece.shape = fit.shape;
+                piece.squares = fit.squares;
+            }
+        }
     }
 
     /// Moves nodes that near-parallel lines have drawn out of the outline of their view back to it.
