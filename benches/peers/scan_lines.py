@@ -46,9 +46,10 @@ def one(asked, path):
     known = json.loads(path.read_text())
     with tempfile.TemporaryDirectory() as scratch:
         out = pathlib.Path(scratch) / "part.step"
-        words = ["solid", str(path.with_suffix(".jpg")), "-o", str(out), "--all", "--json", *asked.options.split()]
+        words = ["solid", str(path.with_suffix(".jpg")), "-o", str(out), "--all", "--json"]
+        words = [asked.planish, *words, *asked.options.split()]
         try:
-            done = subprocess.run([asked.planish, *words], capture_output=True, text=True, timeout=asked.limit)
+            done = subprocess.run(words, capture_output=True, text=True, timeout=asked.limit)
             report = json.loads(done.stdout)
         except subprocess.TimeoutExpired:
             report = {"error": {"message": "timeout"}}
@@ -67,7 +68,9 @@ def one(asked, path):
 
 
 def main():
-    reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    reading = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     reading.add_argument("planish")
     reading.add_argument("folder", type=pathlib.Path)
     reading.add_argument("--out", type=pathlib.Path)

@@ -38,7 +38,7 @@ def set_line_widths(doc, language, thick):
     layers = LANGUAGES[language].layers
     wide_layers = {layers["visible"], layers["frame"]}
     for entity in doc.entitydb.values():
-        if not entity.is_alive or not entity.dxf.is_supported("lineweight") or not hasattr(entity.dxf, "layer"):
+        if not (entity.is_alive and entity.dxf.is_supported("lineweight") and hasattr(entity.dxf, "layer")):
             continue
         on_zero = entity.dxf.layer == "0" and entity.dxf.get("color") == 7
         is_wide = entity.dxf.layer in wide_layers or on_zero
@@ -129,7 +129,8 @@ def warped(picture, target_from_source, size, outside):
     from scipy.ndimage import gaussian_filter, map_coordinates
 
     back = numpy.linalg.inv(target_from_source)
-    x, y = numpy.meshgrid(numpy.arange(size[0], dtype=numpy.float32), numpy.arange(size[1], dtype=numpy.float32))
+    steps = [numpy.arange(s, dtype=numpy.float32) for s in size]
+    x, y = numpy.meshgrid(*steps)
     w = back[2, 0] * x + back[2, 1] * y + back[2, 2]
     at = [(back[k, 0] * x + back[k, 1] * y + back[k, 2]) / w for k in (1, 0)]
     middle = (size[0] // 2, size[1] // 2)

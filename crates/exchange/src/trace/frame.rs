@@ -33,10 +33,11 @@ pub(super) fn clear_frame(ink: &mut Ink) -> bool {
         pixels[*label as usize] += 1;
     }
     let size = |b: &[usize; 4]| [b[1].saturating_sub(b[0]) + 1, b[3].saturating_sub(b[2]) + 1];
-    let whole = (1..=parts).filter(|k| pixels[*k] >= MIN_PIXELS).fold([usize::MAX, 0, usize::MAX, 0], |a, k| {
-        let b = boxes[k];
-        [a[0].min(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].max(b[3])]
-    });
+    let whole =
+        (1..=parts).filter(|k| pixels[*k] >= MIN_PIXELS).fold([usize::MAX, 0, usize::MAX, 0], |a, k| {
+            let b = boxes[k];
+            [a[0].min(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].max(b[3])]
+        });
     let all = size(&whole);
     let is_frame: Vec<bool> = (0..=parts)
         .map(|k| {

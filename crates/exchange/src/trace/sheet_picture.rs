@@ -60,7 +60,9 @@ impl SheetPicture {
         let mut placement = Placement::find(&ink, page.as_ref());
         if let Some(placement) = &mut placement {
             ink = placement.resampled(&ink, page.as_ref()).ok_or_else(|| {
-                Error::input("expected a picture of a sheet seen from the front, found one that is too slanted")
+                Error::input(
+                    "expected a picture of a sheet seen from the front, found one that is too slanted",
+                )
             })?;
         }
         let has_frame = clear_frame(&mut ink);
@@ -93,7 +95,8 @@ impl SheetPicture {
         if self.has_frame {
             parts.push("the frame with its title block".to_owned());
         }
-        let words = self.texts.as_ref().map_or(0, |t| t.words.iter().filter(|w| w.confidence >= CLEAR).count());
+        let words =
+            self.texts.as_ref().map_or(0, |t| t.words.iter().filter(|w| w.confidence >= CLEAR).count());
         if words > 0 {
             parts.push(format!("{words} × text"));
         }

@@ -229,10 +229,13 @@ fn wide_width(mut widths: Vec<(f64, f64)>) -> Option<f64> {
     widths.sort_by(|a, b| a.0.total_cmp(&b.0));
     let all: f64 = widths.iter().map(|w| w.1).sum();
     let mut sum = 0.0;
-    widths.iter().find(|w| {
-        sum += w.1;
-        sum >= 0.75 * all
-    }).map(|w| w.0)
+    widths
+        .iter()
+        .find(|w| {
+            sum += w.1;
+            sum >= 0.75 * all
+        })
+        .map(|w| w.0)
 }
 
 fn slopes(lines: &[LongLine], middle: [f64; 2], axis: usize) -> Vec<Slope> {

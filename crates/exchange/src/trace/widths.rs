@@ -13,6 +13,8 @@ use planish_solid::views::distance;
 /// Minimum ratio of both widths, and minimum share of the length of each.
 const MIN_RATIO: f64 = 1.45;
 const MIN_SHARE: f64 = 0.04;
+/// Maximum number of pieces; the effort grows with its square. A dense A2 sheet has a tenth.
+const MAX_PIECES: usize = 20_000;
 /// Pieces shorter than this many pixels do not count for the widths.
 const MIN_LENGTH: f64 = 8.0;
 /// Maximum distance of pieces of one line from its direction, in pixels.
@@ -44,6 +46,9 @@ impl PieceGraph {
     /// Measures the widths of pieces in the ink before y is flipped; returns the width of wide lines if
     /// there are two widths.
     pub(super) fn measure_widths(&mut self, ink: &Ink, scale: LineScale) -> Option<f64> {
+        if self.pieces.len() > MAX_PIECES {
+            return None;
+        }
         let ranges: Vec<[f64; 3]> = self.pieces.iter().map(|p| width_of(p, ink, scale.width)).collect();
         let widths: Vec<f64> = ranges.iter().map(|r| r[1]).collect();
         let length = |p: &Piece| p.raw.len() as f64;
@@ -67,7 +72,11 @@ impl PieceGraph {
         let dash = usual_dash(&lines).unwrap_or(USUAL_DASH * wide);
         let mut dropped = Vec::new();
         for line in &lines {
-            if line.is_continuous(CONTINUOUS * dash) || line.is_chain() || self.is_mark(line) || self.ends_in_the_open(line, scale) {
+            if line.is_continuous(CONTINUOUS * dash)
+                || line.is_chain()
+                || self.is_mark(line)
+                || self.ends_in_the_open(line, scale)
+            {
                 dropped.extend(line.pieces.iter().copied());
             }
         }
@@ -223,7 +232,9 @@ impl PieceGraph {
     /// Moves nodes that near-parallel lines have drawn out of the outline of their view back to it.
     pub(super) fn keep_nodes_in(&mut self, boxes: &[PixelBox]) {
         for piece in self.pieces.iter().filter(|p| !p.is_dropped && p.is_thin.is_some()) {
-            let Some(own) = boxes.iter().find(|b| super::marks::contains(b, piece.ends[0], 2.0)) else { continue };
+            let Some(own) = boxes.iter().find(|b| super::marks::contains(b, piece.ends[0], 2.0)) else {
+                continue;
+            };
             for node in piece.nodes.into_iter().flatten() {
                 for (c, [low, high]) in self.nodes[node].iter_mut().zip(own) {
                     *c = c.clamp(low - OUTSIDE, high + OUTSIDE);
@@ -289,7 +300,9 @@ impl PieceGraph {
             // The ends of skeletons are inaccurate.
             let is_near = |k: usize| {
                 let raw = &self.pieces[k].raw;
-                [raw.len() / 5, raw.len() / 2, raw.len() - 1 - raw.len() / 5].iter().all(|n| off(&raw[*n]) <= SAME_LINE)
+                [raw.len() / 5, raw.len() / 2, raw.len() - 1 - raw.len() / 5]
+                    .iter()
+                    .all(|n| off(&raw[*n]) <= SAME_LINE)
             };
             let mut beside: Vec<(Dash, usize)> = (thin.iter().copied())
                 .filter(|k| *k == first || !is_used[*k] && is_near(*k))
