@@ -100,7 +100,7 @@ impl PieceGraph {
     }
 
     /// Joins two ends; `gap` is the distance between two dashes.
-    fn join(&mut self, a: PieceEnd, b: PieceEnd, fit: Fit, gap: Option<f64>) {
+    pub(super) fn join(&mut self, a: PieceEnd, b: PieceEnd, fit: Fit, gap: Option<f64>) {
         if a.0 == b.0 {
             self.pieces[a.0].is_closed = true;
             self.pieces[a.0].gaps.extend(gap);

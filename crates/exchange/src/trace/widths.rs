@@ -25,6 +25,8 @@ const ALONG_AXIS: f64 = 0.06;
 const CHAIN_RATIO: f64 = 0.45;
 /// A thin line without gaps is no dash if it is longer than the dashes of hidden lines by this factor.
 const CONTINUOUS: f64 = 1.5;
+/// Ratio of a gap of a hidden line to the usual one up to which dashes are joined.
+const GAP_RATIO: f64 = 1.6;
 /// Length of a dash if the picture has no hidden line of three dashes, in wide widths.
 const USUAL_DASH: f64 = 8.0;
 /// Ratio of the widths at four fifths and one fifth of an arrowhead; blur changes that of lines by a tenth.
@@ -80,6 +82,8 @@ impl PieceGraph {
                 dropped.extend(line.pieces.iter().copied());
             }
         }
+        dropped.iter().for_each(|k| self.pieces[*k].is_dropped = true);
+        lines.iter().for_each(|line| self.join_thin_line(line, scale));
         let is_continuous = |p: &Piece| {
             p.is_thin == Some(true)
                 && matches!(p.shape, Shape::Circle(..))
@@ -115,6 +119,33 @@ impl PieceGraph {
             members.retain(|k| !self.pieces[*k].is_dropped);
         }
         count
+    }
+
+    /// Joins the dashes of a hidden line, but not over gaps larger than its usual one.
+    fn join_thin_line(&mut self, line: &ThinLine, scale: LineScale) {
+        let mut gaps: Vec<f64> = line.dashes.windows(2).map(|d| d[1].from - d[0].to).collect();
+        gaps.sort_by(f64::total_cmp);
+        let Some(usual) = gaps.get(gaps.len() / 2) else { return };
+        let largest = GAP_RATIO * usual + 2.0;
+        let mut own = line.pieces[0];
+        for &next in &line.pieces[1..] {
+            if [own, next].iter().any(|k| self.pieces[*k].is_dropped) {
+                own = next;
+                continue;
+            }
+            let off = |(a, b): (usize, usize)| distance(self.pieces[own].ends[a], self.pieces[next].ends[b]);
+            let pairs = [(0, 0), (0, 1), (1, 0), (1, 1)];
+            let Some((a, b)) = pairs.into_iter().min_by(|p, q| off(*p).total_cmp(&off(*q))) else { return };
+            let gap = off((a, b));
+            let fit = self.pieces[own].moments.plus(&self.pieces[next].moments).line();
+            match fit.filter(|_| gap <= largest) {
+                Some(fit) => {
+                    let is_gap = gap > scale.width + 1.5;
+                    self.join((own, a), (next, b), fit, is_gap.then_some(gap));
+                }
+                None => own = next,
+            }
+        }
     }
 
     /// Whether a line is one dash that crosses others and ends freely: a mark of a centre.
