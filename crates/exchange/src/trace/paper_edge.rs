@@ -60,7 +60,7 @@ impl Quad {
         let blocks: Vec<f32> = (0..wide * high).map(mean).collect();
         let (level, dark, light) = two_levels(&blocks)?;
         let is_border =
-            |k: usize| k % wide == 0 || k % wide == wide - 1 || k < wide || k >= wide * (high - 1);
+            |k: usize| k.is_multiple_of(wide) || k % wide == wide - 1 || k < wide || k >= wide * (high - 1);
         let border: Vec<usize> = (0..blocks.len()).filter(|k| is_border(*k)).collect();
         let background = border.iter().filter(|k| blocks[**k] < level).count();
         let all_background = blocks.iter().filter(|b| **b < level).count();

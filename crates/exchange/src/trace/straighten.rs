@@ -186,7 +186,8 @@ impl Placement {
         let low = [0, 1].map(|k| corners.iter().map(|c| c[k]).fold(f64::INFINITY, f64::min).floor());
         let high = [0, 1].map(|k| corners.iter().map(|c| c[k]).fold(f64::NEG_INFINITY, f64::max).ceil());
         let size = [0, 1].map(|k| high[k] - low[k] + 1.0);
-        if !(size[0] * size[1] < MAX_PIXELS) {
+        let is_possible = size[0] * size[1] < MAX_PIXELS;
+        if !is_possible {
             return None;
         }
         self.sheet_from_picture =
