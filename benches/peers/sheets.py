@@ -13,9 +13,13 @@ of the drawing and records it. Needs cadquery-ocp-novtk, ezdxf and scipy; pictur
     python benches/peers/sheets.py --count 40 --out FOLDER --simple --language de --section extra
     python benches/peers/sheets.py --count 10 --out FOLDER --mutate 3
     python benches/peers/sheets.py --count 20 --out FOLDER --picture free
+    python benches/peers/sheets.py --count 20 --out FOLDER --simple --scan 300
 
 `--picture` draws no sheet, but a picture of 800 × 800 pixels: three views with titles and the three overall
 dimensions, in the first or third angle or placed freely, with lines and fonts that are drawn at random.
+`--scan` also writes `NAME.jpg`, a scan of the sheet at 150 or 300 dpi or a photograph, with rotation or
+perspective, blur, noise, uneven light and the artefacts of JPEG; `picture_from_file` in `NAME.json` is the
+homography from coordinates of the DXF file to pixels (y down, centres of pixels at whole numbers).
 """
 
 import argparse
@@ -26,6 +30,7 @@ from drafting import sheet, shapes
 from drafting.mutate import mutated
 from drafting.picture import choose_picture, make_picture
 from drafting.parts_round import FAMILIES, random_part
+from drafting.scan import choose_scan, make_scan
 from drafting.styles import EXPLANATIONS, TRAITS, choose
 
 
@@ -43,6 +48,7 @@ def arguments():
     reading.add_argument("--png", action="store_true")
     arrangements = ["any", "third", "first", "free"]
     reading.add_argument("--picture", choices=arrangements, help="a picture of three views")
+    reading.add_argument("--scan", choices=["150", "300", "photo"], help="a scan or a photograph of the sheet")
     reading.add_argument("--family", choices=sorted(FAMILIES))
     reading.add_argument(
         "--simple", action="store_true", help="the simplest value of each trait that is not given"
@@ -92,6 +98,10 @@ def main():
             doc.saveas(base.with_suffix(".dxf"))
             kinds = [k for k in ("svg", "pdf", "png") if getattr(asked, k)]
             sheet.save_pictures(doc, base, kinds)
+            if asked.scan:
+                dice = random.Random(f"{asked.seed}/{index}/scan")
+                look = choose_scan(dice, 0 if asked.scan == "photo" else int(asked.scan))
+                known |= make_scan(doc, known, base, look, dice, sheet.lengths(traits)[0])
         sheet.save_json(base.with_suffix(".json"), known)
         for k in range(asked.mutate):
             mutated(base, known, random.Random(f"{asked.seed}/{index}/{k}"), k)

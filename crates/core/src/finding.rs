@@ -237,6 +237,8 @@ codes! {
     SheetSetAside = "sheet-set-aside", Info: "Lines of a sheet belong to no view.",
     ScaleApplied = "scale-applied", Info: "Lengths of a drawing are multiplied by its scale.",
     ScaleUnknown = "scale-unknown", Warning: "The scale of a sheet is not known.",
+    PictureStraightened = "picture-straightened", Info:
+        "Rotation or perspective of a scanned or photographed sheet was corrected.",
     ProjectionOpen = "projection-open", Warning: "A sheet shows a solid in both conventions of projection.",
     SectionUsed = "section-used", Info: "A hatched section of a sheet is a view.",
     HiddenLinesOmitted = "hidden-lines-omitted", Warning:

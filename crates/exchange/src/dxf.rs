@@ -62,10 +62,26 @@ pub struct DxfDrawing {
     pub pixel_length: Option<f64>,
     /// Curves of a picture that may be visible or hidden: they are no longer than a dash.
     pub open_styles: Vec<usize>,
+    /// For a scan or a photograph that was straightened: how the sheet lies in it.
+    pub placement: Option<PicturePlacement>,
     /// Number of ignored entities by kind, such as texts and hatches.
     pub ignored: BTreeMap<String, usize>,
     /// Ignored entities and conflicting dimensions; each text names an entity.
     pub findings: Vec<Finding>,
+}
+
+/// How a sheet lies in its picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PicturePlacement {
+    /// Homography, row by row, from pixels of the picture (x to the right, y down, the middle of the first
+    /// pixel is the origin) to pixels of the straight sheet.
+    pub sheet_from_picture: [[f64; 3]; 3],
+    /// Clockwise rotation in the middle of the picture, and its σ.
+    pub rotation_rad: f64,
+    /// σ of the rotation.
+    pub sigma_rad: f64,
+    /// `none`, `page-of-series-a` (the page is assumed to have the ratio √2), or `unknown-ratio`.
+    pub perspective: &'static str,
 }
 
 /// Reads a DXF file.

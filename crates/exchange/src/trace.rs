@@ -5,7 +5,8 @@
 //! **Output.** Lines, arcs and circles of the views, in pixels; y points up. Texts are left out; numbers of
 //! dimensions state the length of a pixel.
 //!
-//! 1. Ink is separated from paper, and strokes are thinned to a graph of paths.
+//! 1. Ink is separated from paper; scans and photographs are straightened, and frames, texts and thin lines
+//!    of dimensions are removed. Strokes are thinned to a graph of paths.
 //! 2. Points of paths move to the middle of the ink. Paths are divided into lines and arcs by a BIC.
 //! 3. Pieces of one line or circle are joined at junctions, and over the gaps between dashes.
 //! 4. Coordinates that agree within their σ are the same, in a view and between views.
@@ -15,31 +16,36 @@
 mod alignment;
 mod ends;
 mod fillets;
+mod frame;
 mod ink;
 mod joining;
 mod layout;
+mod long_lines;
 mod marks;
 mod merged;
 mod moments;
+mod paper_edge;
 mod pieces;
 mod scale;
+mod sheet_picture;
 mod skeleton;
+mod straighten;
 #[cfg(test)]
 mod tests;
 mod thinning;
 mod titles;
+mod widths;
 
 use crate::dxf::DxfDrawing;
-use crate::glyphs::read_words;
 use crate::picture::read_brightness;
 use alignment::AlignedCurve;
-use ink::Ink;
 use moments::Shape;
 use pieces::{LineScale, Piece, PieceGraph};
 use planish_core::{Finding, FindingCode};
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use planish_sense::Image;
 use planish_solid::views::{DrawnCurve, LineStyle};
+use sheet_picture::SheetPicture;
 use skeleton::PixelGraph;
 use std::path::Path;
 use thinning::Mask;
@@ -52,8 +58,6 @@ const GREY_SHARE: f64 = 0.3;
 /// What a user must know about lengths.
 const UNSCALED: &str = "lengths are in pixels of the picture, because no two dimensions that agree could be \
      read: specify the scale";
-/// Probability from which the number of a dimension is used.
-const READ: f64 = 0.9;
 
 /// Reads a picture of a drawing.
 pub(crate) fn read_traced(path: &Path) -> Result<DxfDrawing> {
@@ -68,13 +72,11 @@ struct TracedPieces {
     scale: LineScale,
     /// Maximum length of a dash.
     dash: f64,
-    rows: usize,
     findings: Vec<Finding>,
 }
 
-fn traced_pieces(image: &Image) -> Result<TracedPieces> {
-    let none = || Error::input("expected a picture of a drawing with dark lines, found none");
-    let ink = Ink::new(image).ok_or_else(none)?;
+fn traced_pieces(sheet: &SheetPicture) -> TracedPieces {
+    let ink = &sheet.ink;
     let mask = Mask { columns: ink.columns, rows: ink.rows, pixels: ink.mask.clone() };
     let (labels, parts) = mask.parts();
     let part_of = |p: [i32; 2]| labels[p[1] as usize * ink.columns + p[0] as usize];
@@ -85,35 +87,56 @@ fn traced_pieces(image: &Image) -> Result<TracedPieces> {
     let scale = LineScale { width: covered as f64 / length as f64, sigma };
     let graph = PixelGraph::new(&skeleton, scale.width);
     let size = ink.columns.max(ink.rows) as f64;
-    let boxes = marks::view_boxes(&graph, part_of, parts, size);
-    let merged = merged::merged_places(&mask, &boxes, scale.width);
-    let findings = merged::finding(&merged, scale.width).into_iter().collect();
-    let mut pieces = PieceGraph::new(&graph, &ink, scale);
+    let mut pieces = PieceGraph::new(&graph, ink, scale);
+    let wide = match sheet.is_sheet {
+        true => pieces.measure_widths(ink, scale),
+        false => None,
+    };
+    let mut findings = Vec::new();
     pieces.flip(ink.rows);
-    let boxes: Vec<marks::PixelBox> = boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect();
+    let boxes: Vec<marks::PixelBox> = match wide {
+        Some(wide) => {
+            let dropped = pieces.drop_annotation(wide, scale);
+            findings.extend(sheet.left_out(dropped));
+            pieces.outline_boxes(size)
+        }
+        None => {
+            findings.extend(sheet.left_out(0));
+            let boxes = marks::view_boxes(&graph, part_of, parts, size);
+            findings.extend(merged::finding(&merged::merged_places(&mask, &boxes, scale.width), scale.width));
+            boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect()
+        }
+    };
     for piece in &mut pieces.pieces {
-        let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, 2.0));
-        piece.is_dropped = !boxes.iter().any(is_in);
+        // Hidden lines end at visible ones.
+        let margin = if piece.is_thin == Some(true) { 1.0 } else { 2.0 };
+        let is_in = |b: &marks::PixelBox| piece.ends.iter().all(|p| marks::contains(b, *p, margin));
+        piece.is_dropped |= !boxes.iter().any(is_in);
     }
     pieces.join_at_nodes(scale);
     pieces.fit_fillets();
     let dash = pieces.usual_dash(scale);
     pieces.join_dashes(scale);
+    pieces.straighten_flat_arcs();
     let scale = pieces.with_rounding(scale);
     let dash = 1.2 * dash + scale.width;
     pieces.close_ends(dash, scale);
     pieces.place_nodes();
-    Ok(TracedPieces { pieces, boxes, scale, dash, rows: ink.rows, findings })
+    pieces.keep_nodes_in(&boxes);
+    for piece in &mut pieces.pieces {
+        piece.is_hidden = piece.is_thin.unwrap_or(piece.is_hidden);
+    }
+    TracedPieces { pieces, boxes, scale, dash, findings }
 }
 
 fn trace(image: &Image) -> Result<DxfDrawing> {
-    let TracedPieces { pieces, boxes, scale, dash, rows, findings } = traced_pieces(image)?;
+    let sheet = SheetPicture::read(image)?;
+    let [columns, rows] = [sheet.ink.columns, sheet.ink.rows];
+    let TracedPieces { pieces, boxes, scale, dash, findings } = traced_pieces(&sheet);
     let mut drawing = DxfDrawing { findings, ..DxfDrawing::default() };
-    let text = read_words(image);
-    let titles = titles::kinds_by_title(&text, &boxes, [image.columns, image.rows]);
+    let titles = titles::kinds_by_title(&sheet.texts, &boxes, [columns, rows]);
     let curves = alignment::aligned(&pieces, &boxes, &titles, scale)?;
-    let dimensions = text.dimensions(rows, READ);
-    match scale::pixel_length(&dimensions, &sizes(&curves, &pieces, &boxes)) {
+    match scale::pixel_length(&sheet.dimensions(), &sizes(&curves, &pieces, &boxes)) {
         Some((length, _)) => drawing.pixel_length = Some(length),
         None => drawing.findings.push(Finding::new(FindingCode::ScaleUnknown, UNSCALED)),
     }
@@ -123,12 +146,14 @@ fn trace(image: &Image) -> Result<DxfDrawing> {
             drawing.open_styles.push(drawing.curves.len());
         }
         let [x, y] = piece.points.get(piece.points.len() / 2).copied().unwrap_or(piece.ends[0]);
+        let [x, y] = sheet.in_picture([x, rows as f64 - 1.0 - y]);
         drawing.curves.push(DrawnCurve {
             curve: aligned.curve,
             style: if piece.is_hidden { LineStyle::Hidden } else { LineStyle::Visible },
-            entity: format!("{} at pixel {x:.0} {:.0}", kind_of(piece), rows as f64 - 1.0 - y),
+            entity: format!("{} at pixel {x:.0} {y:.0}", kind_of(piece)),
         });
     }
+    drawing.placement = sheet.placement();
     Ok(drawing)
 }
 

@@ -25,7 +25,7 @@ use planish_core::finding::with_warnings;
 use planish_core::{Finding, FindingCode, Length};
 use planish_report::numbers::{counted, significant};
 pub use repaired::ReportedEdit;
-pub use sheet::{ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
+pub use sheet::{ReportedPicture, ReportedPlace, ReportedSheet, SetAsideEntity, ViewPlace};
 pub use stacked::{ReportedHeight, ReportedSection, ReportedStack, SectionContour};
 
 use crate::graphs::write_graphs;

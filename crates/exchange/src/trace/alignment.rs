@@ -260,10 +260,33 @@ fn curve_of(
     let angle = |p: [f64; 2], c: [f64; 2]| (p[1] - c[1]).atan2(p[0] - c[0]);
     let turn = |a: f64, b: f64| (b - a).rem_euclid(TAU);
     let (s, m, e) = (angle(raw[0], own), angle(middle, own), angle(raw[1], own));
-    let (from, to) = if turn(s, m) <= turn(s, e) { (a, b) } else { (b, a) };
+    let (from, to) = if is_first_arc(piece, [turn(s, e), turn(e, s)], turn(s, m)) { (a, b) } else { (b, a) };
     let start = angle(from, center);
     let sweep = turn(start, angle(to, center));
     (sweep > 1e-6 && piece.covers(radius * sweep)).then_some(Curve2::Arc { center, radius, start, sweep })
+}
+
+/// Whether an arc runs from its first to its second node counter-clockwise: `turns` is the angle from the
+/// first to the second node and that back, `middle` the angle to its middle.
+fn is_first_arc(piece: &Piece, turns: [f64; 2], middle: f64) -> bool {
+    let Shape::Circle(_, radius) = piece.shape else { return true };
+    // Nodes of short arcs may have moved past the middle; then the length decides.
+    let length = piece.raw.len() as f64;
+    let off = turns.map(|turn| (radius * turn - length).abs());
+    match off[0].max(off[1]) > 3.0 * off[0].min(off[1]) + 5.0 {
+        true => off[0] < off[1],
+        false => middle <= turns[0],
+    }
+}
+
+/// The arc of a piece from one node to another, past a place in its middle.
+fn arc_between(piece: &Piece, places: [[f64; 2]; 3], center: [f64; 2], radius: f64) -> Curve2 {
+    let turn = |from: f64, to: f64| (to - from).rem_euclid(TAU);
+    let [s, m, e] = places.map(|p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]));
+    match is_first_arc(piece, [turn(s, e), turn(e, s)], turn(s, m)) {
+        true => Curve2::Arc { center, radius, start: s, sweep: turn(s, e) },
+        false => Curve2::Arc { center, radius, start: e, sweep: turn(e, s) },
+    }
 }
 
 /// How a coordinate of a view is one of the part: part = sign · (sheet − offset).
@@ -329,7 +352,7 @@ fn extent_of(graph: &PieceGraph, view_of: &[Option<usize>], view: usize) -> Exte
     // The outline of a part is visible; hidden lines and short pieces have less accurate ends.
     let is_clear = |k: &usize| {
         let piece = &graph.pieces[*k];
-        is_own(k) && !piece.is_hidden && piece.raw.len() >= MIN_CLEAR_POINTS
+        is_own(k) && !piece.is_hidden && piece.is_thin != Some(true) && piece.raw.len() >= MIN_CLEAR_POINTS
     };
     let clear: Vec<usize> = (0..graph.pieces.len()).filter(is_clear).collect();
     let own = if clear.is_empty() { (0..graph.pieces.len()).filter(is_own).collect() } else { clear };
@@ -360,10 +383,14 @@ impl PieceGraph {
         match piece.nodes {
             [Some(a), Some(b)] if !piece.is_closed => {
                 let middle = piece.inner_point(self.nodes[a], self.nodes[b]);
-                let curve = piece.shape.between(self.nodes[a], middle, self.nodes[b]);
+                let [a, b] = [self.nodes[a], self.nodes[b]];
+                let curve = match piece.shape {
+                    Shape::Circle(center, radius) => arc_between(piece, [a, middle, b], center, radius),
+                    Shape::Line(..) => piece.shape.between(a, middle, b),
+                };
                 match piece.covers(curve.length()) {
                     true => curve,
-                    false => Curve2::Segment(self.nodes[a], self.nodes[b]),
+                    false => Curve2::Segment(a, b),
                 }
             }
             _ => piece.raw_curve(),

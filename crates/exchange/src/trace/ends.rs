@@ -58,7 +58,7 @@ impl PieceGraph {
     }
 
     /// The nearest crossing of a piece beyond its free end with another piece.
-    fn nearest_crossing(&self, own: usize, end: usize, reach: f64) -> Option<([f64; 2], usize)> {
+    pub(super) fn nearest_crossing(&self, own: usize, end: usize, reach: f64) -> Option<([f64; 2], usize)> {
         let piece = &self.pieces[own];
         let (from, into) = (piece.ends[end], piece.outwards(end));
         let mut best: Option<(f64, [f64; 2], usize)> = None;

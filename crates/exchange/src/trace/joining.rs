@@ -116,7 +116,7 @@ impl PieceGraph {
     }
 
     /// Joins two ends; `gap` is the distance between two dashes.
-    fn join(&mut self, a: PieceEnd, b: PieceEnd, fit: Fit, gap: Option<f64>) {
+    pub(super) fn join(&mut self, a: PieceEnd, b: PieceEnd, fit: Fit, gap: Option<f64>) {
         if a.0 == b.0 {
             self.pieces[a.0].is_closed = true;
             self.pieces[a.0].gaps.extend(gap);
@@ -309,6 +309,10 @@ impl Piece {
 
 /// The joint curve of two pieces, if it fits both.
 fn joint(first: &Piece, second: &Piece, are_dashes: bool) -> Option<(f64, Fit)> {
+    // A hidden line may go on as a visible one.
+    if first.is_thin != second.is_thin {
+        return None;
+    }
     let moments: Moments = first.moments.plus(&second.moments);
     let is_line = |p: &Piece| matches!(p.shape, Shape::Line(..));
     let (line, circle) = match (is_line(first), is_line(second)) {

@@ -37,9 +37,13 @@ pub(super) fn view_boxes(
         let extent = boxes[*k].iter().map(|r| r[1] - r[0]).fold(0.0, f64::max);
         edges[*k] >= 0 && extent >= MIN_OUTLINE * size
     };
+    joined_boxes((1..=parts).filter(is_outline).map(|k| boxes[k]))
+}
+
+/// Boxes from left to right; those that overlap are one.
+pub(super) fn joined_boxes(boxes: impl Iterator<Item = PixelBox>) -> Vec<PixelBox> {
     let mut found: Vec<PixelBox> = Vec::new();
-    for k in (1..=parts).filter(is_outline) {
-        let mut own = boxes[k];
+    for mut own in boxes {
         while let Some(at) = found.iter().position(|other| overlap(other, &own, 2.0)) {
             let other = found.swap_remove(at);
             own = [0, 1].map(|c| [own[c][0].min(other[c][0]), own[c][1].max(other[c][1])]);

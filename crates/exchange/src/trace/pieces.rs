@@ -56,6 +56,8 @@ pub(super) struct Piece {
     pub(super) is_hidden: bool,
     /// Whether it has been joined to another piece.
     pub(super) is_dropped: bool,
+    /// Whether it is thinner than visible lines; none if the picture has one width of lines.
+    pub(super) is_thin: Option<bool>,
 }
 
 /// Pieces that meet at nodes.
@@ -209,6 +211,7 @@ fn piece(
         gaps: Vec::new(),
         is_hidden: false,
         is_dropped: false,
+        is_thin: None,
     }
 }
 

@@ -45,6 +45,22 @@ pub struct ReportedSheet {
     pub views: Vec<ReportedPlace>,
     /// Entities that belong to no view.
     pub set_aside: Vec<SetAsideEntity>,
+    /// How the sheet lies in a scan or a photograph, if it was straightened.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub picture: Option<ReportedPicture>,
+}
+
+/// How a sheet lies in its picture.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ReportedPicture {
+    /// Homography, row by row, from pixels of the picture (y down) to those of the straight sheet.
+    pub sheet_from_picture: [[f64; 3]; 3],
+    /// Clockwise rotation in the middle of the picture.
+    pub rotation_deg: f64,
+    /// σ of the rotation.
+    pub sigma_deg: f64,
+    /// `none`, `page-of-series-a` (the page is assumed to have the ratio √2), or `unknown-ratio`.
+    pub perspective: &'static str,
 }
 
 /// A view on the sheet.
@@ -105,8 +121,21 @@ pub(super) fn readings(
     })?;
     let open_styles: Vec<String> = file.open_styles.iter().map(|k| file.curves[*k].entity.clone()).collect();
     let rounding = file.rounding.unwrap_or(0.0);
-    let made = read.into_iter().map(|reading| candidate(reading, path, rounding));
-    Ok(made.map(|reading| ReadDrawing { open_styles: open_styles.clone(), ..reading }).collect())
+    let picture = file.placement.map(|placement| ReportedPicture {
+        sheet_from_picture: placement.sheet_from_picture,
+        rotation_deg: placement.rotation_rad.to_degrees(),
+        sigma_deg: placement.sigma_rad.to_degrees(),
+        perspective: placement.perspective,
+    });
+    let made = read.into_iter().map(|reading| {
+        let mut made = candidate(reading, path, rounding);
+        made.open_styles.clone_from(&open_styles);
+        if let Some(sheet) = &mut made.sheet {
+            sheet.picture = picture;
+        }
+        made
+    });
+    Ok(made.collect())
 }
 
 fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawing {
@@ -132,6 +161,7 @@ fn candidate(mut reading: SheetReading, path: &Path, rounding: f64) -> ReadDrawi
         set_aside: (reading.set_aside.iter())
             .map(|(entity, reason)| SetAsideEntity { entity: entity.clone(), reason: reason.name() })
             .collect(),
+        picture: None,
     };
     let rounding = rounding * reading.scale;
     let SheetReading { open_widths, has_centre_lines, .. } = reading;
