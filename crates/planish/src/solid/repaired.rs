@@ -8,6 +8,7 @@ use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_estimate::Result;
 use planish_solid::drawing::LineStyle;
 use planish_solid::repair::{Edit, EditKind, Repair, repair};
+use planish_solid::reprojection::{ReprojectionOptions, disagreements};
 use planish_solid::views::{Solutions, coordinate_mismatches};
 use serde::Serialize;
 
@@ -90,6 +91,27 @@ impl Repaired {
                 Finding::new(FindingCode::RepairFound, text).with_setting(Setting::Repair)
             }
         }
+    }
+
+    /// Whether the solid needs no edit: a place that the search samples may be the error of a test.
+    pub(super) fn explains_all_lines(&self) -> bool {
+        let options = ReprojectionOptions::default();
+        self.repair.edits.is_empty()
+            && disagreements(&self.repair.solution.solid, &self.reading.drawing, &options).is_empty()
+    }
+
+    /// A solid without edits as the result of a search.
+    pub(super) fn into_searched_without_edits(mut self) -> SearchedReading {
+        let others = match self.repair.others {
+            0 => String::new(),
+            n => format!("; {n} more do as well"),
+        };
+        let text = format!(
+            "the solid shows all lines of the drawing, but was only found by a search that leaves one view in \
+             doubt{others}: verify it"
+        );
+        self.reading.findings.push(Finding::new(FindingCode::DrawingRepaired, text));
+        self.into_searched()
     }
 
     /// The repaired drawing as the result of a search.

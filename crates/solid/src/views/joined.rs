@@ -10,9 +10,9 @@
 //! Not guaranteed: different coordinates may become equal. A sequence of values, each within the tolerance of
 //! the next, becomes one value.
 
-use super::relations::{Coordinates, conditions};
+use super::relations::{CoordinateErrors, Coordinates, conditions};
 use super::tidy;
-use crate::drawing::{Curve2, Drawing, ViewContent};
+use crate::drawing::{Curve2, Drawing, ViewContent, distance};
 use planish_estimate::{Error, Result, adjusted_without_conflicts};
 use std::f64::consts::{PI, TAU};
 
@@ -31,9 +31,17 @@ const MIN_OTHER: usize = 6;
 const DESIGNED: f64 = 1e-2;
 /// Maximum step relative to the size. Coarser drawings may be exact.
 const MAX_STEP: f64 = 2e-5;
-/// Rounded coordinates of a value differ by at most this many steps: each has an error of half a step, and so
-/// has the corner of its view.
-const JOINED_STEPS: f64 = 4.0;
+/// Maximum error of the extreme of a circle beside the line that shows it in another view, in steps.
+const TOLERANCE_STEPS: f64 = 4.0;
+/// Rounded coordinates of a value differ by at most two steps: each has an error of half a step, and so has
+/// the corner of its view.
+const SAME_STEPS: f64 = 2.1;
+/// Standard deviation of a rounded coordinate in steps: 1/√12 for the value, and for the corner of its view.
+const SIGMA_STEPS: f64 = 0.41;
+/// Standard deviation of coordinates whose tolerance is given, in tolerances.
+const SIGMA: f64 = 0.1;
+/// Maximum change of a point of a rounded drawing, in steps: ends of arcs at small angles move most.
+const MAX_CHANGE_STEPS: f64 = 200.0;
 /// Maximum distance of a fragment from the curve on which it lies, in tolerances: both have errors. Fragments
 /// of Open Cascade with four decimals were up to 1.2 tolerances off.
 const FRAGMENT_ERROR: f64 = 2.0;
@@ -70,7 +78,13 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
             0.01 * size
         )));
     }
-    let coordinates = Coordinates::new(drawing, tolerance);
+    joined_within(drawing, CoordinateErrors { tolerance, same: tolerance, sigma: SIGMA * tolerance })
+}
+
+/// Joins coordinates with the same value, and makes them consistent.
+fn joined_within(drawing: &Drawing, errors: CoordinateErrors) -> Result<Drawing> {
+    let (size, tolerance) = (drawing.size(), errors.tolerance);
+    let coordinates = Coordinates::new(drawing, errors);
     let conditions = conditions(drawing, &coordinates, tolerance);
     let sigmas = coordinates.sigmas();
     let start = &coordinates.values;
@@ -140,28 +154,41 @@ pub struct Unrounded {
 /// are consistent as they are.
 ///
 /// Coordinates are rounded if all of them are multiples of a step of 1e-5 to 2e-3, but not of 0.01, and if
-/// the step is at most 2e-5 of the size. The result is that of [`joined`] with a tolerance of four steps,
-/// without lines that are shorter, and without fragments that lie on other curves. Differences of a drawing
-/// that rounding explains are lost.
+/// the step is at most 2e-5 of the size. The result has one coordinate for values that are at most two
+/// steps apart, no lines that are shorter than four, and no fragments that lie on other curves. Differences of
+/// a drawing that rounding explains are lost.
 #[must_use]
 pub fn unrounded(drawing: &Drawing) -> Option<Unrounded> {
     let (size, step) = (drawing.size(), coordinate_step(drawing)?);
-    let tolerance = JOINED_STEPS * step;
+    let tolerance = TOLERANCE_STEPS * step;
     // Fragments of intersection curves are as short as their errors and have no direction.
     let mut drawing = tidy::defragmented(drawing, FRAGMENT_ERROR * tolerance);
     for view in &mut drawing.views {
         view.curves.retain(|drawn| drawn.curve.length() > tolerance);
     }
-    let joined = joined(&drawing, tolerance).ok()?;
+    let errors = CoordinateErrors { tolerance, same: SAME_STEPS * step, sigma: SIGMA_STEPS * step };
+    let joined = joined_within(&drawing, errors).ok()?;
     let curves = |drawing: &Drawing| -> Vec<Curve2> {
         drawing.views.iter().flat_map(|v| &v.curves).map(|c| c.curve.clone()).collect()
     };
     let moved = |(a, b): (&Curve2, &Curve2)| {
-        let (a, b) = (a.points(), b.points());
-        a.iter().zip(&b).map(|(p, q)| crate::drawing::distance(*p, *q)).fold(0.0, f64::max)
+        places(a).iter().zip(places(b)).map(|(p, q)| distance(*p, q)).fold(0.0, f64::max)
     };
     let change = curves(&drawing).iter().zip(&curves(&joined)).map(moved).fold(0.0, f64::max);
-    (change > NEGLIGIBLE[0] * size + NEGLIGIBLE[1]).then_some(Unrounded { drawing: joined, step, change })
+    let is_used = change > NEGLIGIBLE[0] * size + NEGLIGIBLE[1] && change <= MAX_CHANGE_STEPS * step;
+    is_used.then_some(Unrounded { drawing: joined, step, change })
+}
+
+/// The ends of a line; the ends, the middle and the centre of an arc.
+fn places(curve: &Curve2) -> Vec<[f64; 2]> {
+    match curve {
+        Curve2::Segment(a, b) => vec![*a, *b],
+        Curve2::Arc { center, radius, start, sweep } => {
+            let at = |share: f64| on_circle(*center, *radius, start + share * sweep);
+            vec![*center, at(0.0), at(0.5), at(1.0)]
+        }
+        Curve2::Chain(points) => points.clone(),
+    }
 }
 
 /// The step of which all coordinates are multiples, if they are rounded.

@@ -7,9 +7,8 @@
 //! - slanted lines continue each other;
 //! - a slanted line touches a circle, at its end or between its ends; two circles touch at an end.
 //!
-//! A condition is one that values with errors of a tenth of the tolerance (standard deviation) may meet: its
-//! residual is at most four standard deviations. The tolerance is four steps of rounded values. Each value
-//! has an error of 1/√12 of a step, and so has the corner of its view: 0.41 steps in all.
+//! A condition is one that values with their errors ([`CoordinateErrors`]) may meet: its residual is at most
+//! four standard deviations.
 //!
 //! Lines along an axis need no conditions of their own: their ends share a coordinate.
 
@@ -19,8 +18,6 @@ use planish_estimate::{Condition, residual_variance};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Standard deviation of a value, relative to the tolerance.
-const SIGMA: f64 = 0.1;
 /// Factor of the standard deviation of designed values, which are multiples of 0.01: they are exact, and the
 /// error is in the others. One of a hundred values with four decimals is such a multiple by chance.
 const DESIGNED_SIGMA: f64 = 0.01;
@@ -36,7 +33,18 @@ const MAX_SLANTED: usize = 500;
 /// Minimum distance of different places, in tolerances.
 const APART: f64 = 10.0;
 
-/// Values of which each is at most the tolerance from the next.
+/// Errors of the coordinates of a drawing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CoordinateErrors {
+    /// Maximum error of a place that follows from several values, such as the extreme of a circle.
+    pub(super) tolerance: f64,
+    /// Maximum difference of drawn values that are the same.
+    pub(super) same: f64,
+    /// Standard deviation of a drawn value.
+    pub(super) sigma: f64,
+}
+
+/// Values of which each is near to the next.
 #[derive(Debug, Clone, Copy)]
 struct Group {
     low: f64,
@@ -54,11 +62,14 @@ pub(super) struct Coordinates {
     /// The values of all groups, one axis after the other.
     pub(super) values: Vec<f64>,
     tolerance: f64,
+    /// Standard deviation of a drawn value.
+    sigma: f64,
 }
 
 impl Coordinates {
     /// The values of ends of lines and arcs, and of centres, radii and extremes of circles.
-    pub(super) fn new(drawing: &Drawing, tolerance: f64) -> Self {
+    pub(super) fn new(drawing: &Drawing, errors: CoordinateErrors) -> Self {
+        let CoordinateErrors { tolerance, same, sigma } = errors;
         let (mut drawn, mut derived): ([Vec<f64>; 4], [Vec<f64>; 4]) = Default::default();
         for view in &drawing.views {
             let axes = view.kind.axes();
@@ -79,10 +90,10 @@ impl Coordinates {
         }
         let both = drawn.into_iter().zip(derived);
         let groups: Vec<Vec<Group>> =
-            both.map(|(drawn, derived)| grouped(drawn, derived, tolerance)).collect();
+            both.map(|(drawn, derived)| grouped(drawn, derived, [same, tolerance])).collect();
         let groups: [Vec<Group>; 4] = groups.try_into().unwrap_or_default();
         let values = groups.iter().flatten().map(|g| g.value).collect();
-        Self { groups, values, tolerance }
+        Self { groups, values, tolerance, sigma }
     }
 
     /// Standard deviations of the values: those that are designed or drawn several times change less.
@@ -92,7 +103,7 @@ impl Coordinates {
             n if is_designed(g.value) => DESIGNED_SIGMA / (n as f64).sqrt(),
             n => 1.0 / (n as f64).sqrt(),
         };
-        self.groups.iter().flatten().map(|g| SIGMA * self.tolerance * factor(g)).collect()
+        self.groups.iter().flatten().map(|g| self.sigma * factor(g)).collect()
     }
 
     /// The number of a value of an axis (3 for radii) within the tolerance.
@@ -118,7 +129,7 @@ impl Coordinates {
     /// Whether values that are within their errors of these may meet a condition.
     fn may_meet(&self, condition: &Condition) -> bool {
         let growth = residual_variance(condition, &self.values, |_| 1.0);
-        let limit = GATE * SIGMA * self.tolerance;
+        let limit = GATE * self.sigma;
         let residual = condition(&self.values).0;
         (1e-6..MAX_GROWTH * MAX_GROWTH).contains(&growth) && residual * residual <= limit * limit * growth
     }
@@ -155,8 +166,8 @@ fn is_within([start, sweep]: [f64; 2], angle: f64, slack: f64) -> bool {
 }
 
 /// Groups of values, ascending. Derived values join the groups of drawn ones, and do not join them together.
-fn grouped(drawn: Vec<f64>, derived: Vec<f64>, tolerance: f64) -> Vec<Group> {
-    let mut groups = chained(drawn, tolerance);
+fn grouped(drawn: Vec<f64>, derived: Vec<f64>, [same, tolerance]: [f64; 2]) -> Vec<Group> {
+    let mut groups = chained(drawn, same);
     let apart = derived.into_iter().filter(|v| nearest(&groups, *v, tolerance).is_none()).collect();
     let others = chained(apart, tolerance);
     groups.extend(others.into_iter().map(|group| Group { count: 0, ..group }));
@@ -164,12 +175,12 @@ fn grouped(drawn: Vec<f64>, derived: Vec<f64>, tolerance: f64) -> Vec<Group> {
     groups
 }
 
-/// Groups of values of which each is at most the tolerance from the next.
-fn chained(mut values: Vec<f64>, tolerance: f64) -> Vec<Group> {
+/// Groups of values of which each is at most a distance from the next.
+fn chained(mut values: Vec<f64>, distance: f64) -> Vec<Group> {
     values.sort_by(f64::total_cmp);
     // Compared with the previous value, not with the first of the group: a fixed width would split values at
     // arbitrary places.
-    let groups = values.chunk_by(|a, b| b - a <= tolerance);
+    let groups = values.chunk_by(|a, b| b - a <= distance);
     let one = |group: &[f64]| Group {
         low: group[0],
         high: group[group.len() - 1],
