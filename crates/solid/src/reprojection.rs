@@ -34,7 +34,6 @@ mod unseen;
 
 use crate::brep::Solid;
 use crate::drawing::{Drawing, LineStyle, ViewKind};
-use planish_core::DVec3;
 
 /// Tolerances of the comparison; lengths are relative to the size of the drawing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,21 +124,20 @@ pub fn disagreements(solid: &Solid, drawing: &Drawing, options: &ReprojectionOpt
     compare::disagreements(solid, drawing, options)
 }
 
-/// The middle of an edge whose place follows from no view of a drawing without hidden lines; none if there is
-/// no such edge.
+/// The indices of edges whose place follows from no view of a drawing without hidden lines.
 ///
 /// No view shows it in front of all other lines, as the rim at which a hole leaves a part: the hole might end
 /// before. Edges in the outer border of a face at an end of the part do not count.
 ///
 /// ```
 /// use planish_solid::brep::Solid;
-/// use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
+/// use planish_solid::reprojection::{ReprojectionOptions, unseen_edges};
 /// use planish_solid::views::Drawing;
 ///
 /// let options = ReprojectionOptions::default();
-/// assert_eq!(first_unseen_edge(&Solid::default(), &Drawing::default(), &options), None);
+/// assert!(unseen_edges(&Solid::default(), &Drawing::default(), &options).is_empty());
 /// ```
 #[must_use]
-pub fn first_unseen_edge(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Option<DVec3> {
-    unseen::first_unseen(solid, drawing, options)
+pub fn unseen_edges(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Vec<usize> {
+    unseen::unseen_edges(solid, drawing, options)
 }

@@ -3,7 +3,7 @@
 //! 1. Coordinates that nearly agree are the same, with the smallest error that gives a solid; fragments that
 //!    are shorter are dropped.
 //! 2. Views that draw no hidden lines omit them. This comes first if no view draws any. The simplest solid
-//!    is used: holes go through unless a visible line shows where they end.
+//!    is used: round holes go through unless a visible line shows where they end.
 //!
 //! Each is a finding.
 
@@ -11,8 +11,9 @@ use super::search::{SearchedReading, search_readings};
 use super::sheet::ReadDrawing;
 use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_report::numbers::significant;
+use planish_solid::brep::EdgeCurve;
 use planish_solid::drawing::{Drawing, View, ViewContent};
-use planish_solid::reprojection::{ReprojectionOptions, first_unseen_edge};
+use planish_solid::reprojection::{ReprojectionOptions, unseen_edges};
 use planish_solid::sheet::hidden_circles;
 use planish_solid::views::{LineStyle, coordinate_mismatches, joined};
 use std::collections::BTreeSet;
@@ -148,11 +149,18 @@ fn open_end(searched: &SearchedReading) -> Option<String> {
                     line shows: add hidden lines or a section";
         return Some(text.to_owned());
     }
-    if !searched.found.has_unseen_faces {
-        return None;
+    let explained = searched.differences.iter().filter(|differences| differences.is_empty()).count();
+    if explained > 1 {
+        return Some(format!(
+            "{explained} solids have the visible lines, and no hidden lines distinguish them: add hidden lines \
+             or a section"
+        ));
     }
-    let at = first_unseen_edge(solid, &reading.drawing, &ReprojectionOptions::default())?;
-    let [x, y, z] = at.to_array();
+    // Round holes usually go through. A window and a pocket with straight sides are equally plausible.
+    let is_straight = |edge: &usize| matches!(solid.edges[*edge].curve, EdgeCurve::Line { .. });
+    let open = unseen_edges(solid, &reading.drawing, &ReprojectionOptions::default());
+    let edge = &solid.edges[open.into_iter().find(|k| searched.found.has_unseen_faces || is_straight(k))?];
+    let [x, y, z] = edge.curve.point(0.5 * (edge.range[0] + edge.range[1])).to_array();
     Some(format!(
         "the views draw no hidden lines, and none of them shows where the solid ends at {x:.4} {y:.4} \
          {z:.4}, such as the depth of a hole: add hidden lines or a section"

@@ -8,7 +8,6 @@ use planish_core::{Finding, FindingCode, Progress, Setting};
 use planish_estimate::Result;
 use planish_solid::drawing::LineStyle;
 use planish_solid::repair::{Edit, EditKind, Repair, repair};
-use planish_solid::reprojection::{ReprojectionOptions, disagreements};
 use planish_solid::views::{Solutions, coordinate_mismatches};
 use serde::Serialize;
 
@@ -93,27 +92,6 @@ impl Repaired {
         }
     }
 
-    /// Whether the solid needs no edit: a place that the search samples may be the error of a test.
-    pub(super) fn explains_all_lines(&self) -> bool {
-        let options = ReprojectionOptions::default();
-        self.repair.edits.is_empty()
-            && disagreements(&self.repair.solution.solid, &self.reading.drawing, &options).is_empty()
-    }
-
-    /// A solid without edits as the result of a search.
-    pub(super) fn into_searched_without_edits(mut self) -> SearchedReading {
-        let others = match self.repair.others {
-            0 => String::new(),
-            n => format!("; {n} more do as well"),
-        };
-        let text = format!(
-            "the solid shows all lines of the drawing, but was only found by a search that leaves one view in \
-             doubt{others}: verify it"
-        );
-        self.reading.findings.push(Finding::new(FindingCode::DrawingRepaired, text));
-        self.into_searched()
-    }
-
     /// The repaired drawing as the result of a search.
     pub(super) fn into_searched(self) -> SearchedReading {
         let found = Solutions { solutions: vec![self.repair.solution], ..Solutions::default() };
@@ -136,7 +114,8 @@ pub(super) fn repaired(
     let joined = mismatch.and_then(|mismatch| with_tolerance(reading, mismatch));
     for reading in std::iter::once(reading.clone()).chain(joined) {
         progress.check("repairing", 0.5)?;
-        if let Some(repair) = repair(&reading.drawing) {
+        // A solid without edits was left out by the search of all views: no edit explains the difference.
+        if let Some(repair) = repair(&reading.drawing).filter(|repair| !repair.edits.is_empty()) {
             return Ok(Some(Repaired { reading, repair }));
         }
     }

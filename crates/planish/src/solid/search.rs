@@ -54,9 +54,6 @@ pub(super) fn search_further(
     let Some(repaired) = repaired::repaired(readings, is_exact, progress)? else {
         return strict.map(|searched| (searched, Vec::new()));
     };
-    if repaired.explains_all_lines() {
-        return Ok((repaired.into_searched_without_edits(), Vec::new()));
-    }
     let (edits, finding) = (repaired.edits(), repaired.finding(is_repaired));
     let mut searched = match (is_repaired, strict) {
         (true, _) => repaired.into_searched(),

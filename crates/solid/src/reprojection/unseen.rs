@@ -14,12 +14,12 @@ use std::collections::BTreeSet;
 /// Positions of samples along a line, as shares of its points.
 const SHARES: [f64; 3] = [0.23, 0.52, 0.81];
 
-/// The middle of the first edge that no view shows in front of all other lines, and that is not in the outer
-/// border of a face at an end of the part, nor between ends of such edges.
+/// The edges that no view shows in front of all other lines, and that are not in the outer border of a face at
+/// an end of the part, nor between ends of such edges.
 ///
 /// The rim at which a hole leaves the part has the same image as the rim at which it enters, so it is such an
 /// edge; the lower edges of a block are not.
-pub(super) fn first_unseen(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Option<DVec3> {
+pub(super) fn unseen_edges(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Vec<usize> {
     let prepared = Prepared::new(solid, drawing);
     let mut seen: BTreeSet<usize> = BTreeSet::new();
     let views = drawing.views.iter().filter(|view| view.is_compared());
@@ -54,7 +54,7 @@ pub(super) fn first_unseen(solid: &Solid, drawing: &Drawing, options: &Reproject
         let is_sharp = prepared.edges.is_sharp(solid, &prepared.scene.faces, *index);
         is_sharp && !seen.contains(index) && !at_ends.contains(index) && !is_between
     };
-    (0..solid.edges.len()).find(is_open).map(|edge| middle(solid, edge))
+    (0..solid.edges.len()).filter(is_open).collect()
 }
 
 fn middle(solid: &Solid, edge: usize) -> DVec3 {
