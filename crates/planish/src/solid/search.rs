@@ -163,11 +163,21 @@ pub(super) fn searched(reading: ReadDrawing, drawing: &Drawing) -> Result<Search
     // The search samples places and can miss one. An independent check by rays decides what is written
     // (`docs/decisions/0058`).
     let compared = |s: &Solution| disagreements(&s.solid, &reading.drawing, &ReprojectionOptions::default());
-    let differences = found.solutions.iter().map(compared).collect();
+    let differences: Vec<Vec<Disagreement>> = found.solutions.iter().map(compared).collect();
     let undecided = reading.open_widths.then(|| {
         "the two views show outlines of equal widths, which may be round or flat, and the sheet has no \
          centre lines: add a view along the missing direction, centre lines, or a diameter (Ø)"
             .to_owned()
+    });
+    // The first of so many solids would be a guess.
+    let explained = differences.iter().filter(|differences| differences.is_empty()).count();
+    let undecided = undecided.or_else(|| {
+        (!found.complete && explained > 1).then(|| {
+            format!(
+                "the search was cut off after {explained} solids that show all lines: add a view, hidden lines \
+                 or a section to distinguish them"
+            )
+        })
     });
     Ok(SearchedReading { reading, found, differences, undecided })
 }
