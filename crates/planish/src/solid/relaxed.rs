@@ -152,8 +152,8 @@ fn open_end(searched: &SearchedReading) -> Option<String> {
     let explained = searched.differences.iter().filter(|differences| differences.is_empty()).count();
     if explained > 1 {
         return Some(format!(
-            "{explained} solids have the visible lines, and no hidden lines distinguish them: add hidden lines \
-             or a section"
+            "{explained} solids have the visible lines, and no hidden lines distinguish them: add hidden \
+             lines or a section"
         ));
     }
     // Round holes usually go through. A window and a pocket with straight sides are equally plausible.
