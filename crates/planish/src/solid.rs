@@ -418,19 +418,13 @@ fn judge(report: &SolidReport, views: usize, draws_hidden: bool, undecided: Opti
         }
         // A pocket that no view sees has no visible line.
         1 if report.complete => {
-            let text = "exactly one solid has these views if they omit no hidden lines: none of them draws any, \
-                        and what all views hide would be missing";
+            let text = "exactly one solid has these views if they omit no hidden lines: none of them draws \
+                        any, and what all views hide would be missing";
             found.push(Finding::new(FindingCode::HiddenLinesOmitted, text));
         }
         1 => {}
         n => {
-            let text = match omits_hidden {
-                true => format!(
-                    "{n} solids have these visible lines, the simplest first: add hidden lines to distinguish \
-                     them"
-                ),
-                false => format!("{n} solids have these views: add a view to distinguish them"),
-            };
+            let text = format!("{n} solids have these views: add a view to distinguish them");
             found.push(Finding::new(FindingCode::SolidsAmbiguous, text));
         }
     }

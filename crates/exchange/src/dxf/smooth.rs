@@ -1,12 +1,13 @@
 //! Polylines that approximate curves.
 //!
 //! Input: the spans of a polyline, in order. Output: the same curves, but runs of short segments with small
-//! angles between them are one chain, as the points of a spline are. Otherwise each segment of the image of an
-//! intersection curve would be the edge of a plane.
+//! angles between them are one chain, as the points of a spline are. Otherwise each segment of the image of
+//! an intersection curve would be the edge of a plane.
 
 use planish_solid::drawing::Curve2;
 
-/// Maximum angle between neighbouring segments of a curve, in radians; sides of a regular 30-gon turn by 0.21.
+/// Maximum angle between neighbouring segments of a curve, in radians; sides of a regular 30-gon turn by
+/// 0.21.
 const MAX_TURN: f64 = 0.2;
 /// Maximum ratio of the lengths of neighbouring segments of a curve. A side beside a rounding is longer.
 const MAX_RATIO: f64 = 4.0;

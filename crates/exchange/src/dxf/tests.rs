@@ -183,8 +183,10 @@ fn dimensions_with_the_sign_of_a_diameter_state_their_ends() {
 fn dimensions_drawn_as_lines_arrowheads_and_a_text_count() {
     let drawing = drawn(
         "",
-        "0 LINE 10 0 20 0 11 20 21 0 0 LINE 10 0 20 9 11 20 21 9 0 SOLID 10 0 20 9 11 3 21 9.5 12 3 22 8.5 13 3 \
-         23 8.5 0 SOLID 10 20 20 9 11 17 21 9.5 12 17 22 8.5 13 17 23 8.5 0 TEXT 10 9 20 10 40 3 1 %%c40.0",
+        "0 LINE 10 0 20 0 11 20 21 0 0 LINE 10 0 20 9 11 20 21 9 \
+         0 SOLID 10 0 20 9 11 3 21 9.5 12 3 22 8.5 13 3 23 8.5 \
+         0 SOLID 10 20 20 9 11 17 21 9.5 12 17 22 8.5 13 17 23 8.5 \
+         0 TEXT 10 9 20 10 40 3 1 %%c40.0",
     )
     .unwrap();
     let [dimension] = drawing.annotations.dimensions[..] else { panic!("{:?}", drawing.annotations) };

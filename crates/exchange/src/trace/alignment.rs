@@ -12,8 +12,8 @@ use super::layout::{Extent, Layout, corners, layout_of};
 use super::marks::PixelBox;
 use super::moments::Shape;
 use super::pieces::{LineScale, Piece, PieceGraph};
-use equations::equations;
-use planish_estimate::{Condition, Error, Result, adjusted};
+use equations::{consistent, equations};
+use planish_estimate::{Error, Result};
 use planish_solid::drawing::ViewKind;
 use planish_solid::views::{Curve2, distance};
 use std::f64::consts::TAU;
@@ -43,8 +43,6 @@ const MAX_CHANGE: [f64; 2] = [4.0, 0.5];
 const MAX_UNCOVERED: [f64; 2] = [2.5, 20.0];
 /// Sine of the angle to an axis below which a line shows the extent of a view.
 const STRAIGHT: f64 = 0.01;
-/// Maximum residual of an equation that is met, in pixels.
-const SOLVED: f64 = 1e-9;
 /// Minimum number of points of a piece from which the extent of a view follows.
 const MIN_CLEAR_POINTS: usize = 6;
 
@@ -184,53 +182,6 @@ fn check_sizes(
         }
     }
     Ok(())
-}
-
-/// The values that meet the equations. Equations are added in the order of their misfit, and those that
-/// contradict the ones before, or change values by too much, are left out.
-fn consistent(start: &[f64], sigmas: &[f64], equations: &[Condition<'_>]) -> Vec<f64> {
-    let misfit = |e: &Condition<'_>| {
-        let (residual, slopes) = e(start);
-        let sigma = slopes.iter().map(|(k, slope)| (slope * sigmas[*k]).powi(2)).sum::<f64>().sqrt();
-        let limit = (MAX_CHANGE[0] * sigma).max(MAX_CHANGE[1]);
-        // Equations whose unknowns are one value have no derivatives.
-        if sigma > 1e-6 && residual.abs() <= limit { residual.abs() / sigma } else { f64::INFINITY }
-    };
-    let mut order: Vec<(f64, &Condition<'_>)> = equations.iter().map(|e| (misfit(e), e)).collect();
-    order.retain(|(misfit, _)| misfit.is_finite());
-    order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let order: Vec<&Condition<'_>> = order.into_iter().map(|(_, e)| e).collect();
-    let mut values = start.to_vec();
-    add_equations(start, sigmas, &mut Vec::new(), &order, &mut values);
-    values
-}
-
-/// Adds equations to those that are met; if they cannot all be met, each half of them.
-fn add_equations<'e, 'f>(
-    start: &[f64],
-    sigmas: &[f64],
-    met: &mut Vec<&'e Condition<'f>>,
-    more: &[&'e Condition<'f>],
-    values: &mut Vec<f64>,
-) {
-    if more.is_empty() {
-        return;
-    }
-    let before = met.len();
-    met.extend(more);
-    if let Some((found, residuals)) = adjusted(start, sigmas, met, SOLVED) {
-        let is_near = |k: usize| (found[k] - start[k]).abs() <= MAX_CHANGE[0] * sigmas[k] + MAX_CHANGE[1];
-        if residuals.iter().all(|r| *r < 1e3 * SOLVED) && (0..found.len()).all(is_near) {
-            *values = found;
-            return;
-        }
-    }
-    met.truncate(before);
-    if more.len() > 1 {
-        let (first, second) = more.split_at(more.len() / 2);
-        add_equations(start, sigmas, met, first, values);
-        add_equations(start, sigmas, met, second, values);
-    }
 }
 
 /// The curve of a piece with consistent values.

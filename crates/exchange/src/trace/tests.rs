@@ -126,8 +126,8 @@ fn lines_between_two_rows_have_the_middle_of_their_ink() {
     }
 }
 
-/// A plate of 200 × 120 × 60 pixels as on a scanned sheet: the picture is turned by 1.5° and has noise, visible
-/// lines are twice as wide as hidden ones, and there are a frame, a centre line and a dimension line.
+/// A plate of 200 × 120 × 60 pixels as on a scanned sheet: the picture is turned by 1.5° and has noise,
+/// visible lines are twice as wide as hidden ones, and there are a frame, a centre line and a dimension line.
 #[test]
 fn a_scanned_sheet_is_straightened_and_its_annotation_left_out() {
     let (sin, cos) = 1.5_f64.to_radians().sin_cos();

@@ -12,8 +12,8 @@ use planish_solid::drawing::{Drawing, LineStyle, ViewContent};
 use planish_solid::reprojection::ReprojectionOptions;
 use planish_solid::views::{NearestSolid, Solutions, joined, solve_nearest};
 
-/// Minimum agreement of the lines of the solid with those of the picture. Solids of generated pictures with an
-/// agreement of 0.39 to 0.54 had an intersection over union of 0.1 to 0.3: their views were read wrongly.
+/// Minimum agreement of the lines of the solid with those of the picture. Solids of generated pictures with
+/// an agreement of 0.39 to 0.54 had an intersection over union of 0.1 to 0.3: their views were read wrongly.
 const MIN_AGREEMENT: f64 = 0.6;
 /// Agreement from which on no other reading of the lines is tried.
 const GOOD_AGREEMENT: f64 = 0.97;

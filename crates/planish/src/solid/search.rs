@@ -174,8 +174,8 @@ pub(super) fn searched(reading: ReadDrawing, drawing: &Drawing) -> Result<Search
     let undecided = undecided.or_else(|| {
         (!found.complete && explained > 1).then(|| {
             format!(
-                "the search was cut off after {explained} solids that show all lines: add a view, hidden lines \
-                 or a section to distinguish them"
+                "the search was cut off after {explained} solids that show all lines: add a view, hidden \
+                 lines or a section to distinguish them"
             )
         })
     });

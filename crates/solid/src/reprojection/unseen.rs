@@ -14,8 +14,8 @@ use std::collections::BTreeSet;
 /// Positions of samples along a line, as shares of its points.
 const SHARES: [f64; 3] = [0.23, 0.52, 0.81];
 
-/// The edges that no view shows in front of all other lines, and that are not in the outer border of a face at
-/// an end of the part, nor between ends of such edges.
+/// The edges that no view shows in front of all other lines, and that are not in the outer border of a face
+/// at an end of the part, nor between ends of such edges.
 ///
 /// The rim at which a hole leaves the part has the same image as the rim at which it enters, so it is such an
 /// edge; the lower edges of a block are not.

@@ -155,8 +155,8 @@ pub struct Unrounded {
 ///
 /// Coordinates are rounded if all of them are multiples of a step of 1e-5 to 2e-3, but not of 0.01, and if
 /// the step is at most 2e-5 of the size. The result has one coordinate for values that are at most two
-/// steps apart, no lines that are shorter than four, and no fragments that lie on other curves. Differences of
-/// a drawing that rounding explains are lost.
+/// steps apart, no lines that are shorter than four, and no fragments that lie on other curves. Differences
+/// of a drawing that rounding explains are lost.
 #[must_use]
 pub fn unrounded(drawing: &Drawing) -> Option<Unrounded> {
     let (size, step) = (drawing.size(), coordinate_step(drawing)?);

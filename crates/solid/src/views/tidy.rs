@@ -49,11 +49,11 @@ const ROUND_LENGTH: f64 = 4e-6;
 const MAX_CIRCLE_ERROR: f64 = 1e-4;
 /// Minimum sweep of a spline that defines a circle, in radians. Shorter ones fit conics as well.
 const MIN_CIRCLE_SWEEP: f64 = 0.5;
-/// Minimum sweep of a curve that is recognised as a part of an ellipse close to a circle, in radians. Harmonics
-/// of second order fit the errors of shorter ones as well.
+/// Minimum sweep of a curve that is recognised as a part of an ellipse close to a circle, in radians.
+/// Harmonics of second order fit the errors of shorter ones as well.
 const MIN_ELLIPSE_SWEEP: f64 = 2.0;
-/// Maximum part of the deviations from a circle that those of an ellipse leave. Of the splines of Open Cascade
-/// along circles, harmonics of second order leave most.
+/// Maximum part of the deviations from a circle that those of an ellipse leave. Of the splines of Open
+/// Cascade along circles, harmonics of second order leave most.
 const ELLIPSE_REST: f64 = 0.05;
 /// Maximum length of a fragment that is removed where it lies on a longer curve, relative to the size.
 ///
@@ -342,10 +342,12 @@ fn fitted(points: &[[f64; 2]]) -> Option<(Circle, f64)> {
     .then_some((circle, sweep))
 }
 
-/// True if the deviations of some points from a circle are those of an ellipse: the circle is seen at an angle.
+/// True if the deviations of some points from a circle are those of an ellipse: the circle is seen at an
+/// angle.
 ///
-/// A circle tilted by `θ` has the radius `r (1 − sin²θ cos²(φ − φ₀) / 2)`: 1.5e-6 of it at 0.1°. Least squares
-/// for the harmonics of first and second order of the deviations; what is left must be a small part of them.
+/// A circle tilted by `θ` has the radius `r (1 − sin²θ cos²(φ − φ₀) / 2)`: 1.5e-6 of it at 0.1°. Least
+/// squares for the harmonics of first and second order of the deviations; what is left must be a small part
+/// of them.
 fn is_ellipse(points: &[[f64; 2]], circle: &Circle, sweep: f64, off: f64) -> bool {
     if sweep < MIN_ELLIPSE_SWEEP {
         return false;

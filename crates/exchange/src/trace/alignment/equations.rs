@@ -2,9 +2,12 @@
 
 use super::super::ends::tangent_point;
 use super::super::pieces::PieceGraph;
-use super::{Frame, SAME, Values};
-use planish_estimate::Condition;
+use super::{Frame, MAX_CHANGE, SAME, Values};
+use planish_estimate::{Condition, adjusted};
 use planish_solid::drawing::conditions::{on_circle, on_line, tangent_at};
+
+/// Maximum residual of an equation that is met, in pixels.
+const SOLVED: f64 = 1e-9;
 
 /// That ends lie on their circles and slanted lines, and that circles reach lines.
 pub(super) fn equations<'a>(
@@ -101,4 +104,51 @@ fn tangency<'a>(
     let [Some(a), Some(b)] = graph.pieces[line].nodes else { return None };
     let [p, q] = [a, b].map(|n| values.nodes[n].map(|v| values.group(v)));
     Some(tangent_at(own, center, [p, q]))
+}
+
+/// The values that meet the equations. Equations are added in the order of their misfit, and those that
+/// contradict the ones before, or change values by too much, are left out.
+pub(super) fn consistent(start: &[f64], sigmas: &[f64], equations: &[Condition<'_>]) -> Vec<f64> {
+    let misfit = |e: &Condition<'_>| {
+        let (residual, slopes) = e(start);
+        let sigma = slopes.iter().map(|(k, slope)| (slope * sigmas[*k]).powi(2)).sum::<f64>().sqrt();
+        let limit = (MAX_CHANGE[0] * sigma).max(MAX_CHANGE[1]);
+        // Equations whose unknowns are one value have no derivatives.
+        if sigma > 1e-6 && residual.abs() <= limit { residual.abs() / sigma } else { f64::INFINITY }
+    };
+    let mut order: Vec<(f64, &Condition<'_>)> = equations.iter().map(|e| (misfit(e), e)).collect();
+    order.retain(|(misfit, _)| misfit.is_finite());
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let order: Vec<&Condition<'_>> = order.into_iter().map(|(_, e)| e).collect();
+    let mut values = start.to_vec();
+    add_equations(start, sigmas, &mut Vec::new(), &order, &mut values);
+    values
+}
+
+/// Adds equations to those that are met; if they cannot all be met, each half of them.
+fn add_equations<'e, 'f>(
+    start: &[f64],
+    sigmas: &[f64],
+    met: &mut Vec<&'e Condition<'f>>,
+    more: &[&'e Condition<'f>],
+    values: &mut Vec<f64>,
+) {
+    if more.is_empty() {
+        return;
+    }
+    let before = met.len();
+    met.extend(more);
+    if let Some((found, residuals)) = adjusted(start, sigmas, met, SOLVED) {
+        let is_near = |k: usize| (found[k] - start[k]).abs() <= MAX_CHANGE[0] * sigmas[k] + MAX_CHANGE[1];
+        if residuals.iter().all(|r| *r < 1e3 * SOLVED) && (0..found.len()).all(is_near) {
+            *values = found;
+            return;
+        }
+    }
+    met.truncate(before);
+    if more.len() > 1 {
+        let (first, second) = more.split_at(more.len() / 2);
+        add_equations(start, sigmas, met, first, values);
+        add_equations(start, sigmas, met, second, values);
+    }
 }
