@@ -31,7 +31,6 @@ use crate::Unit;
 use crate::source::read_file;
 use crate::strokes::add_dimensions_between;
 use dimension::DimensionLengths;
-pub(crate) use dimension::{has_diameter_sign, stated as stated_length};
 use groups::{Groups, Record};
 use line_style::Dashes;
 use placed::{Block, Drawer, Items, Place, Sheet};

@@ -116,6 +116,7 @@ mod budget_tests;
 mod checksum;
 mod columns;
 mod dash_pattern;
+mod dimension_text;
 mod drawings;
 mod file_kind;
 mod foreign;

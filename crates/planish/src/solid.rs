@@ -257,12 +257,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         Some(noisy) => noisy.explain(error),
         None => drawing::explain(error, drawing, &job.views),
     };
-    // Contours are consistent within their σ already, and a given tolerance was applied on reading.
-    let accuracy = match noisy.is_some() || job.tolerance.is_some() {
-        true => Accuracy::Consistent,
-        false if job.views.iter().any(|path| is_picture(path)) => Accuracy::Traced,
-        false => Accuracy::Drawn,
-    };
+    let accuracy = accuracy_of(job, noisy.is_some());
     let strict = search_readings(readings.clone(), progress, explain);
     let (searched, edits) = search_further(strict, &readings, accuracy, job.repair, progress)?;
     let SearchedReading {
@@ -335,6 +330,16 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         report.written.push(page.path.clone());
     }
     Ok(report)
+}
+
+/// How accurate the drawing of a job is.
+fn accuracy_of(job: &SolidJob, is_measured: bool) -> Accuracy {
+    // Contours are consistent within their σ already, and a given tolerance was applied on reading.
+    match is_measured || job.tolerance.is_some() {
+        true => Accuracy::Consistent,
+        false if job.views.iter().any(|path| is_picture(path)) => Accuracy::Traced,
+        false => Accuracy::Drawn,
+    }
 }
 
 /// A finding if the search was cut off. Not an error: the solids that were found are correct.

@@ -3,6 +3,7 @@
 use super::groups::Record;
 use super::hatch;
 use crate::affine::Affine;
+use crate::dimension_text::plain_text;
 use planish_estimate::Result;
 use planish_solid::sheet::{Annotations, SheetText};
 
@@ -21,26 +22,6 @@ pub(super) fn add(annotations: &mut Annotations, record: &Record, map: &Affine) 
         _ => return Ok(false),
     }
     Ok(true)
-}
-
-/// The text without codes for its format.
-pub(super) fn plain_text(text: &str) -> String {
-    let mut plain = String::new();
-    let mut left = text;
-    while let Some(at) = left.find('\\') {
-        plain.push_str(&left[..at]);
-        let code = &left[at + 1..];
-        left = match (code.chars().next(), code.find(';')) {
-            (Some('P' | '~' | 'L' | 'l' | 'O' | 'o' | 'K' | 'k'), _) => &code[1..],
-            (Some(_), Some(end)) => &code[end + 1..],
-            _ => "",
-        };
-        plain.push(' ');
-    }
-    plain.push_str(left);
-    let braces: &[char] = &['{', '}'];
-    let plain = plain.replace(braces, "").replace("%%c", "Ø").replace("%%C", "Ø");
-    plain.replace("%%p", "±").replace("%%P", "±").trim().to_owned()
 }
 
 /// Where a text is; the second point counts if the text is aligned with it.

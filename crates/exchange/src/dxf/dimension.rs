@@ -12,8 +12,8 @@
 //! **Limits.** Angles, ordinates and texts without a number are not checked.
 
 use super::DxfDrawing;
-use super::annotation::plain_text;
 use super::groups::Record;
+use crate::dimension_text::{has_diameter_sign, stated_length};
 use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_solid::sheet::{SheetDimension, scale_of_dimensions};
@@ -32,13 +32,6 @@ pub(super) struct DimensionLengths {
     by_style: HashMap<String, f64>,
     /// Styles that write Ø before each length.
     of_diameters: HashSet<String>,
-}
-
-/// Signs of a diameter in texts: the code of DXF, and characters in use.
-const DIAMETER_SIGNS: [&str; 7] = ["%%c", "%%C", "Ø", "ø", "⌀", "∅", "\\U+2205"];
-
-pub(crate) fn has_diameter_sign(text: &str) -> bool {
-    DIAMETER_SIGNS.iter().any(|sign| text.contains(sign))
 }
 
 impl DimensionLengths {
@@ -84,7 +77,7 @@ impl DimensionLengths {
             let Some(drawn) = Measured::from_record(record)?.map(|m| m.length()).filter(|d| *d > 0.0) else {
                 continue;
             };
-            let (stated, rounding) = match stated(record.text(1).unwrap_or_default()) {
+            let (stated, rounding) = match stated_length(record.text(1).unwrap_or_default()) {
                 Some(stated) => stated,
                 None => (drawn * self.factor_of(record)?, 0.0),
             };
@@ -136,7 +129,7 @@ pub(super) fn conflicts(dimensions: &[&Record], drawing: &DxfDrawing) -> Result<
         let name = record.name();
         let drawn = measured.length();
         let exact = scale * drawn;
-        let text = stated(record.text(1).unwrap_or_default());
+        let text = stated_length(record.text(1).unwrap_or_default());
         let kept = record.number(42)?.filter(|m| *m > 0.0).map(|m| (m, 1e-6 * m));
         // An explicit text is what people read, so it takes precedence over the stored measurement.
         if let Some((value, rounding)) = text.or(kept)
@@ -218,28 +211,6 @@ impl Measured {
     fn touching(&self) -> Vec<[f64; 2]> {
         self.points[usize::from(!self.both)..].to_vec()
     }
-}
-
-/// Number in the text of a dimension, and half of its last digit; none if the text has no number of its own.
-pub(crate) fn stated(text: &str) -> Option<(f64, f64)> {
-    // `<>` is replaced by the measurement, so numbers around it are additions such as tolerances. Codes such
-    // as `\\A1;` format the text.
-    if text.contains("<>") {
-        return None;
-    }
-    let plain = plain_text(text).replace(',', ".");
-    let begin = plain.find(|c: char| c.is_ascii_digit())?;
-    let number: String = plain[begin..].chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
-    let number = number.trim_end_matches('.');
-    // Counts (`4x 5`), fractions, angles and threads (`M8`) are not lengths.
-    let behind = plain[begin + number.len()..].trim_start();
-    let before = plain[..begin].trim_end();
-    if behind.starts_with(['x', 'X', '/', '°', '×', '%']) || before.ends_with(['M', '/', '-']) {
-        return None;
-    }
-    let decimals = number.split_once('.').map_or(0, |(_, d)| d.len() as i32);
-    // Slightly more than half a digit, so that a length exactly between two roundings is accepted.
-    Some((number.parse().ok()?, 0.5 * 10_f64.powi(-decimals) * 1.001))
 }
 
 fn distance_to(curve: &Curve2, p: [f64; 2]) -> f64 {

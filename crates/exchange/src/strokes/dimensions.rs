@@ -1,6 +1,6 @@
 //! Dimensions: two arrowheads that point away from or towards each other, and the number between them.
 
-use crate::dxf::{has_diameter_sign, stated_length};
+use crate::dimension_text::{has_diameter_sign, stated_length};
 use planish_solid::sheet::{Annotations, SheetDimension, SheetText};
 use planish_solid::views::distance;
 
