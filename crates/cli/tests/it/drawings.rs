@@ -83,13 +83,13 @@ fn small_gaps_are_reported_and_joined_with_tolerance() {
     let views = ["solid", "front.dxf", "top.dxf", "side.dxf", "-o", "block.step"];
     let solve = |more: &[&str]| planish(folder.path(), &[&views, more].concat());
     let mut front = rectangle([0.0, 0.0], [40.0, 20.0]);
-    front[0][2] -= 1e-4;
+    front[0][2] -= 1.37e-4;
     put(folder.path(), "front.dxf", &front, &[]);
     put(folder.path(), "top.dxf", &rectangle([0.0, 0.0], [40.0, 30.0]), &[]);
     put(folder.path(), "side.dxf", &rectangle([0.0, 0.0], [30.0, 20.0]), &[]);
     let estimated = solve(&[]).ok();
     assert!(
-        estimated.stderr.contains("coordinates that differ by up to 0.00011 are the same"),
+        estimated.stderr.contains("coordinates that differ by up to 0.00015 are the same"),
         "{}",
         estimated.stderr
     );
