@@ -24,16 +24,12 @@ import subprocess
 import tempfile
 
 import ezdxf
-from OCP.BRepLib import BRepLib
-from OCP.HLRAlgo import HLRAlgo_Projector
-from OCP.HLRBRep import HLRBRep_Algo, HLRBRep_HLRToShape
-from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 
 from drafting import shapes
 from drafting.check import flaws
 from drafting.curves import tidy
 from drafting.parts_catalogue import FAMILIES
-from drafting.views import DIRECTIONS, curve_of
+from drafting.views import curves_of
 
 LAYOUTS = {"third": ("front", "top", "right"), "first": ("front", "top", "left")}
 
@@ -50,25 +46,6 @@ def turns():
             if even == (bin(signs).count("1") % 2 == 0):
                 found.append(rows)
     return found
-
-
-def curves_of(shape, view):
-    """Visible and hidden sharp edges and outlines, as the hidden-line removal divides them."""
-    eye, right = DIRECTIONS[view]
-    algorithm = HLRBRep_Algo()
-    algorithm.Add(shape)
-    algorithm.Projector(HLRAlgo_Projector(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(*eye), gp_Dir(*right))))
-    algorithm.Update()
-    algorithm.Hide()
-    found = HLRBRep_HLRToShape(algorithm)
-    groups = [(found.VCompound(), True), (found.OutLineVCompound(), True)]
-    groups += [(found.HCompound(), False), (found.OutLineHCompound(), False)]
-    curves = []
-    for compound, visible in groups:
-        if compound is not None and not compound.IsNull():
-            BRepLib.BuildCurves3d_s(compound)
-            curves += [curve_of(edge, visible, False) for edge in shapes.edges_of(compound)]
-    return curves
 
 
 def lengths(curves):

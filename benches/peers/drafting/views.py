@@ -81,8 +81,8 @@ def through(points):
     return 3, [float(k) for k in spline.t], [tuple(map(float, p)) for p in spline.c], None
 
 
-def project(shape, view, smooth=False, hidden=True):
-    """Curves of a view, in the coordinates along the right and the upward axis of the view."""
+def curves_of(shape, view, smooth=False, hidden=True):
+    """Curves of a view as the hidden-line removal divides them, along its right and its upward axis."""
     eye, right = DIRECTIONS[view]
     algorithm = HLRBRep_Algo()
     algorithm.Add(shape)
@@ -99,7 +99,12 @@ def project(shape, view, smooth=False, hidden=True):
             continue
         BRepLib.BuildCurves3d_s(compound)
         curves += [curve_of(e, visible, is_smooth) for e in edges_of(compound)]
-    return tidy(curves)
+    return curves
+
+
+def project(shape, view, smooth=False, hidden=True):
+    """Curves of a view, without pieces and repetitions."""
+    return tidy(curves_of(shape, view, smooth, hidden))
 
 
 def section_plane(shape, axis, dice):

@@ -92,16 +92,12 @@ fn traced_pieces(sheet: &SheetPicture) -> TracedPieces {
         true => pieces.measure_widths(ink, scale),
         false => None,
     };
-    let mut findings = Vec::new();
     pieces.flip(ink.rows);
+    let dropped = wide.map_or(0, |wide| pieces.drop_annotation(wide, scale));
+    let mut findings = sheet.left_out(dropped);
     let boxes: Vec<marks::PixelBox> = match wide {
-        Some(wide) => {
-            let dropped = pieces.drop_annotation(wide, scale);
-            findings.extend(sheet.left_out(dropped));
-            pieces.outline_boxes(size)
-        }
+        Some(_) => pieces.outline_boxes(size),
         None => {
-            findings.extend(sheet.left_out(0));
             let boxes = marks::view_boxes(&graph, part_of, parts, size);
             findings.extend(merged::finding(&merged::merged_places(&mask, &boxes, scale.width), scale.width));
             boxes.iter().map(|[x, y]| [*x, flipped(*y, ink.rows)]).collect()

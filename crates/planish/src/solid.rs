@@ -396,9 +396,7 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
 /// The findings that follow from the solids and from the agreement of the views.
 fn judge(report: &SolidReport, views: usize, draws_hidden: bool, undecided: Option<String>) -> Vec<Finding> {
     let mut found = Vec::new();
-    // That finding states already that hidden lines would determine more.
     let has = |code: FindingCode| report.findings.iter().any(|finding| finding.code == code);
-    let omits_hidden = has(FindingCode::HiddenLinesOmitted);
     match report.solutions.len() {
         _ if undecided.is_some() => {
             found.extend(undecided.map(|text| Finding::new(FindingCode::SolidsUndecided, text)));
@@ -410,13 +408,14 @@ fn judge(report: &SolidReport, views: usize, draws_hidden: bool, undecided: Opti
         // A hole seen from two sides may be round or square, and a bar may be round or flat.
         _ if !report.edits.is_empty() => {}
         // The finding that lists what is unexplained says what the solid is.
-        _ if report.findings.iter().any(|f| f.code == FindingCode::LinesUnexplained) => {}
+        _ if has(FindingCode::LinesUnexplained) => {}
         1 if views < 3 => {
             let text = "one solid of the simplest faces has these views; two views leave open whether what \
                         runs along the missing direction is flat or round: add the third view";
             found.push(Finding::new(FindingCode::TwoViews, text));
         }
-        1 if omits_hidden => {}
+        // That finding states already that hidden lines would determine more.
+        1 if has(FindingCode::HiddenLinesOmitted) => {}
         1 if report.complete && draws_hidden => {
             let text = "exactly one solid has these views, and its lines are those of the drawing";
             found.push(Finding::new(FindingCode::SolidUnique, text));
