@@ -7,6 +7,7 @@ mod hull;
 mod sampled;
 mod segments;
 mod sequence;
+mod tour;
 
 use super::fit::reading_count;
 use super::kind::ContourKind;
@@ -88,7 +89,8 @@ pub fn starts(kind: &ContourKind, readings: &[ContourReading]) -> Result<Vec<Vec
         ContourKind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
         ContourKind::RegularPolygon(sides) => regular(&points, *sides),
         ContourKind::Polygon(count) => {
-            let mut found: Vec<Vec<f64>> = polygon(&Sequence::closed(readings), *count).into_iter().collect();
+            let mut found: Vec<Vec<f64>> =
+                Sequence::closed(readings).iter().filter_map(|sequence| polygon(sequence, *count)).collect();
             // Segments easily miss a sharp corner with few readings; the hull contains it. Only polygons of
             // few corners have sharp ones, if they are convex.
             if *count <= 4 {
@@ -125,7 +127,7 @@ fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
 /// Closed and open chains of lines and arcs that may explain the readings: their kinds with parameters.
 #[must_use]
 pub(crate) fn chain_starts(readings: &[ContourReading]) -> Vec<(ContourKind, Vec<f64>)> {
-    let mut found = chains(&Sequence::closed(readings));
+    let mut found: Vec<_> = Sequence::closed(readings).iter().flat_map(chains).collect();
     found.extend(Sequence::open(readings).iter().flat_map(chains));
     found
 }

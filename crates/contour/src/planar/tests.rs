@@ -245,6 +245,41 @@ fn outliers_are_rejected() {
     assert!((15..=45).contains(&rejected), "{rejected}");
 }
 
+/// The share of some seeds for which a concave polygon with one thin arm is chosen, from few readings.
+fn concave_are_chosen(corners: &[[f64; 2]], count: usize, sigma: f64) -> usize {
+    let kind = ContourKind::Polygon(corners.len());
+    let chosen = |seed: &u64| {
+        let turn = 0.7 * *seed as f64;
+        let theta: Vec<f64> = corners
+            .iter()
+            .flat_map(|[x, y]| [turn.cos() * x - turn.sin() * y, turn.sin() * x + turn.cos() * y])
+            .collect();
+        let mut readings = points(&kind, &theta, count, sigma, *seed).noisy;
+        // A picture lists its edges from top to bottom.
+        readings.sort_by(|a, b| a.point()[1].total_cmp(&b.point()[1]));
+        let choice = choose(&auto_kinds(), true, &readings, &ContourFitOptions::default());
+        choice.is_ok_and(|choice| choice.fit.kind == kind && choice.fit.used.iter().all(|used| *used))
+    };
+    (0..10).filter(chosen).count()
+}
+
+#[test]
+fn concave_polygons_are_found_whatever_the_order_of_their_readings() {
+    let elbow = [[0.0, 0.0], [66.0, 0.0], [66.0, 28.0], [26.0, 28.0], [26.0, 56.0], [0.0, 56.0]];
+    assert!(concave_are_chosen(&elbow, 50, 0.1) >= 9);
+    let fork = [
+        [0.0, 0.0],
+        [60.0, 0.0],
+        [60.0, 50.0],
+        [45.0, 50.0],
+        [45.0, 12.0],
+        [15.0, 12.0],
+        [15.0, 50.0],
+        [0.0, 50.0],
+    ];
+    assert!(concave_are_chosen(&fork, 80, 0.1) >= 9);
+}
+
 #[test]
 fn triangles_with_sharp_corners_are_found() {
     let truth = [0.0, 0.0, 80.0, 0.0, 0.0, 60.0];

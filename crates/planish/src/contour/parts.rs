@@ -34,6 +34,8 @@ const MIN_SIGMA_SHARE: f64 = 0.1;
 const SIGMA_ROUNDS: usize = 5;
 /// Smallest number of rejected readings on one line that may be a side: two are always on a line.
 const MIN_SIDE_READINGS: usize = 3;
+/// Maximum number of readings of a run that is tested for being a side: longer ones contain such runs.
+const MAX_SIDE_READINGS: usize = 40;
 /// Number of ranges of indices in a message; the report lists all.
 const MAX_RANGES: usize = 12;
 /// The share of residuals from which σ is computed, and that many σ of a normal distribution on both sides.
@@ -248,15 +250,19 @@ impl Search<'_> {
             return None;
         }
         let gap = self.job.gap.unwrap_or_else(|| typical_gap(&self.sightings(members)));
-        let is_side = |cluster: &Vec<usize>| {
+        let is_line = |readings: &[ContourReading]| {
+            fit(&ContourKind::Line, readings, &self.job.fit).is_ok_and(|line| {
+                line.used.iter().all(|used| *used) && line.reduced_chi_square() < CONSISTENT.end
+            })
+        };
+        // Successive rejected readings may show two sides that meet.
+        let on_line = |cluster: &Vec<usize>| {
             let readings: Vec<ContourReading> = cluster.iter().map(|&k| self.readings[rejected[k]]).collect();
-            readings.len() >= MIN_SIDE_READINGS
-                && fit(&ContourKind::Line, &readings, &self.job.fit).is_ok_and(|line| {
-                    line.used.iter().all(|used| *used) && line.reduced_chi_square() < CONSISTENT.end
-                })
+            let longest = readings.len().min(MAX_SIDE_READINGS);
+            (MIN_SIDE_READINGS..=longest).rev().find(|count| readings.windows(*count).any(is_line))
         };
         let clusters = separate(&self.sightings(&rejected), gap);
-        let count = clusters.iter().filter(|cluster| is_side(cluster)).map(Vec::len).max()?;
+        let count = clusters.iter().filter_map(on_line).max()?;
         let text = format!(
             "{} of {} readings: {count} rejected readings lie on one line, which may be a further side",
             choice.fit.kind,

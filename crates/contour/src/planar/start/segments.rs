@@ -125,6 +125,9 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
             (normal, offset)
         })
         .collect();
+    // The size of the outline: the distance of a single point from the origin is small near an elbow.
+    let from_origin = |p: &[f64; 2]| (p[0] - sequence.origin[0]).hypot(p[1] - sequence.origin[1]);
+    let reach = sequence.points.iter().map(from_origin).fold(0.0, f64::max);
     (0..count)
         .map(|k| {
             let (before, after) = (lines[(k + count - 1) % count], lines[k]);
@@ -135,7 +138,6 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
                 sequence.origin[1] + (after.1 * before.0[0] - before.1 * after.0[0]) / cross,
             ];
             // Nearly parallel lines meet far away or at random: use the measured point instead.
-            let reach = (at[0] - sequence.origin[0]).hypot(at[1] - sequence.origin[1]);
             if cross.abs() > 0.1 && (met[0] - at[0]).hypot(met[1] - at[1]) < 0.7 * reach { met } else { at }
         })
         .collect()

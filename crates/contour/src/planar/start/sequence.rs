@@ -6,12 +6,17 @@
 
 use super::super::parts::typical_gap;
 use super::super::reading::{ContourReading, ContourTarget};
-use super::{circle, mean};
+use super::{circle, mean, tour};
 use planish_core::BoundingBox;
 
 /// Maximum number of bins of a sequence. The tables over runs grow with its square, and the resolution of
 /// cuts with it.
 const MAX_BINS: usize = 120;
+/// Maximum number of readings of a general tour, whose cost grows with its square.
+const MAX_TOUR: usize = 240;
+/// A general tour is used only if it is shorter than the others by this factor: noise alone makes it slightly
+/// shorter.
+const CLEARLY_SHORTER: f64 = 0.97;
 /// Number of view points per axis from which an order by direction is tried.
 const GRID: usize = 6;
 
@@ -126,11 +131,12 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    /// A closed sequence: the shortest tour among a few orders.
+    /// Closed sequences, each a guess of the order along the outline.
     ///
-    /// The orders are by direction from the centre, by direction from a grid of view points, and that of the
-    /// file. For a non-convex outline, some view point often sees all of it.
-    pub(super) fn closed(readings: &[ContourReading]) -> Self {
+    /// The first is the shortest tour among the orders by direction from the centre, by direction from a grid
+    /// of view points, and that of the file. For a non-convex outline, some view point often sees all of it.
+    /// If a general tour is shorter still, as for a U or an outline whose arms hide each other, it follows.
+    pub(super) fn closed(readings: &[ContourReading]) -> Vec<Self> {
         let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let mut best = around(&points, origin);
@@ -143,18 +149,30 @@ impl Sequence {
         }
         let filed: Vec<usize> = (0..points.len()).collect();
         // The order of the file is often that of the scan; keep it if it is clearly shorter.
-        let mut order = if tour_length(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
-        let area: f64 = (0..order.len())
-            .map(|k| {
-                let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
-                a[0] * b[1] - a[1] * b[0]
-            })
-            .sum();
-        // Counter-clockwise, as outlines are.
-        if area < 0.0 {
-            order.reverse();
+        let order = if tour::length(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
+        let mut orders = vec![order];
+        // A part of many readings suffices for a start. They are compared with the same part.
+        let step = points.len().div_ceil(MAX_TOUR).max(1);
+        let part: Vec<usize> = orders[0].iter().copied().filter(|k| k % step == 0).collect();
+        let length = tour::length(&points, &part);
+        let short = tour::shortened(&points, part);
+        if tour::length(&points, &short) < CLEARLY_SHORTER * length {
+            orders.push(short);
         }
-        Self::new(readings, &points, &order, origin, true)
+        let counter_clockwise = |mut order: Vec<usize>| {
+            let area: f64 = (0..order.len())
+                .map(|k| {
+                    let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
+                    a[0] * b[1] - a[1] * b[0]
+                })
+                .sum();
+            // Counter-clockwise, as outlines are.
+            if area < 0.0 {
+                order.reverse();
+            }
+            Self::new(readings, &points, &order, origin, true)
+        };
+        orders.into_iter().map(counter_clockwise).collect()
     }
 
     /// An open sequence that begins at the end with the smaller y (then x).
@@ -194,7 +212,7 @@ impl Sequence {
             .map(|side| [center[0] - side * reach * angle.sin(), center[1] + side * reach * angle.cos()]);
         let seen_from = (!sensors.is_empty()).then(|| mean(&sensors));
         let filed: Vec<usize> = (0..points.len()).collect();
-        let mut best = cut((tour_length(&points, &filed), filed));
+        let mut best = cut((tour::length(&points, &filed), filed));
         for from in seen_from.into_iter().chain(far).chain([origin]).chain(view_points(&points)) {
             let one = cut(around(&points, from));
             if one.0 < best.0 {
@@ -257,22 +275,13 @@ fn middle(points: &[[f64; 2]]) -> [f64; 2] {
     circle(points).map_or(m, |c| if (c[0] - m[0]).hypot(c[1] - m[1]) < c[2] { [c[0], c[1]] } else { m })
 }
 
-/// Length of the closed tour through the points in an order.
-fn tour_length(points: &[[f64; 2]], order: &[usize]) -> f64 {
-    let step = |k: usize| {
-        let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
-        (a[0] - b[0]).hypot(a[1] - b[1])
-    };
-    (0..order.len()).map(step).sum()
-}
-
 /// The points ordered by direction from a view point, and the length of that tour.
 fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
     let mut turns: Vec<(f64, usize)> =
         (points.iter().enumerate()).map(|(i, p)| ((p[1] - from[1]).atan2(p[0] - from[0]), i)).collect();
     turns.sort_by(|a, b| a.0.total_cmp(&b.0));
     let order: Vec<usize> = turns.into_iter().map(|(_, i)| i).collect();
-    (tour_length(points, &order), order)
+    (tour::length(points, &order), order)
 }
 
 /// A grid of view points within the bounding box of the points.
