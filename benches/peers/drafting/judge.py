@@ -21,20 +21,23 @@ RAYS = 100
 BOOLEAN_ERROR = 0.01
 
 
-def points_on(shape, size, count=SAMPLES):
-    """Points on all faces, exactly on their surfaces, at the corners and middles of triangles."""
-    BRepMesh_IncrementalMesh(shape, size / 200, False, 0.3)
-    found = []
+def triangulated(shape, chord, angle):
+    """Each face with its mesh, the place of the mesh, and the numbers of the three nodes of each triangle."""
+    BRepMesh_IncrementalMesh(shape, chord, False, angle)
     for face in shapes.faces_of(shape):
         place = TopLoc_Location()
         mesh = BRep_Tool.Triangulation_s(face, place)
-        if mesh is None:
-            continue
+        if mesh is not None:
+            yield face, mesh, place, [mesh.Triangle(k).Get()[-3:] for k in range(1, mesh.NbTriangles() + 1)]
+
+
+def points_on(shape, size, count=SAMPLES):
+    """Points on all faces, exactly on their surfaces, at the corners and middles of triangles."""
+    found = []
+    for face, mesh, _, triangles in triangulated(shape, size / 200, 0.3):
         surface = BRepAdaptor_Surface(face)
         on_face = []
-        for k in range(1, mesh.NbTriangles() + 1):
-            corners = mesh.Triangle(k).Get()
-            corners = corners[-3:] if len(corners) > 3 else corners
+        for corners in triangles:
             uv = [mesh.UVNode(c) for c in corners]
             middle = surface.Value(sum(p.X() for p in uv) / 3, sum(p.Y() for p in uv) / 3)
             on_face.append((middle.X(), middle.Y(), middle.Z()))
@@ -148,8 +151,8 @@ def shares_by_rays(found, true):
         # A ray through an edge has an odd number of triangles.
         if any(len(e) % 2 for e in ends):
             continue
-        steps = sorted(ends[0] + ends[1])
-        for a, b in zip(steps, steps[1:]):
+        depth = sorted(ends[0] + ends[1])
+        for a, b in zip(depth, depth[1:]):
             is_in = [sum(z <= a for z in e) % 2 for e in ends]
             inside += (b - a) * all(is_in)
             union += (b - a) * any(is_in)
@@ -158,17 +161,12 @@ def shares_by_rays(found, true):
 
 def depths_along_rays(shape, grid, size):
     """Depths at which rays along the z axis cross triangles of the shape, for each place of a grid."""
-    BRepMesh_IncrementalMesh(shape, size / 1000, False, 0.2)
     found = {}
-    for face in shapes.faces_of(shape):
-        place = TopLoc_Location()
-        mesh = BRep_Tool.Triangulation_s(face, place)
-        if mesh is None:
-            continue
+    for _, mesh, place, triangles in triangulated(shape, size / 1000, 0.2):
         nodes = [mesh.Node(k).Transformed(place.Transformation()) for k in range(1, mesh.NbNodes() + 1)]
         nodes = numpy.array([[p.X(), p.Y(), p.Z()] for p in nodes])
-        for k in range(1, mesh.NbTriangles() + 1):
-            a, b, c = nodes[[n - 1 for n in mesh.Triangle(k).Get()]]
+        for corners in triangles:
+            a, b, c = nodes[[n - 1 for n in corners]]
             u, v = b - a, c - a
             area = u[0] * v[1] - u[1] * v[0]
             if abs(area) < 1e-12 * size * size:

@@ -245,7 +245,7 @@ fn outliers_are_rejected() {
     assert!((15..=45).contains(&rejected), "{rejected}");
 }
 
-/// The share of some seeds for which a concave polygon with one thin arm is chosen, from few readings.
+/// The number of ten seeds with which a concave polygon is chosen from few readings and none is rejected.
 fn concave_are_chosen(corners: &[[f64; 2]], count: usize, sigma: f64) -> usize {
     let kind = ContourKind::Polygon(corners.len());
     let chosen = |seed: &u64| {

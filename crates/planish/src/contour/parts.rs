@@ -34,8 +34,6 @@ const MIN_SIGMA_SHARE: f64 = 0.1;
 const SIGMA_ROUNDS: usize = 5;
 /// Smallest number of rejected readings on one line that may be a side: two are always on a line.
 const MIN_SIDE_READINGS: usize = 3;
-/// Maximum number of readings of a run that is tested for being a side: longer ones contain such runs.
-const MAX_SIDE_READINGS: usize = 40;
 /// Number of ranges of indices in a message; the report lists all.
 const MAX_RANGES: usize = 12;
 /// The share of residuals from which σ is computed, and that many σ of a normal distribution on both sides.
@@ -255,11 +253,17 @@ impl Search<'_> {
                 line.used.iter().all(|used| *used) && line.reduced_chi_square() < CONSISTENT.end
             })
         };
-        // Successive rejected readings may show two sides that meet.
+        // Successive rejected readings may show two sides that meet: the longest run on one line counts. Each
+        // start lengthens the run as far as it can, so the fits are at most twice as many as the readings.
         let on_line = |cluster: &Vec<usize>| {
             let readings: Vec<ContourReading> = cluster.iter().map(|&k| self.readings[rejected[k]]).collect();
-            let longest = readings.len().min(MAX_SIDE_READINGS);
-            (MIN_SIDE_READINGS..=longest).rev().find(|count| readings.windows(*count).any(is_line))
+            let mut longest = MIN_SIDE_READINGS - 1;
+            for start in 0..readings.len() {
+                while readings.get(start..=start + longest).is_some_and(is_line) {
+                    longest += 1;
+                }
+            }
+            (longest >= MIN_SIDE_READINGS).then_some(longest)
         };
         let clusters = separate(&self.sightings(&rejected), gap);
         let count = clusters.iter().filter_map(on_line).max()?;

@@ -9,9 +9,7 @@ const MAX_PASSES: usize = 60;
 /// Shortens a closed tour by reversing parts (2-opt, Croes 1958) and by moving up to three successive points
 /// (Or 1976), begun from the given order and from that of nearest neighbours. Cost: a few times `n²`.
 pub(super) fn shortened(points: &[[f64; 2]], order: Vec<usize>) -> Vec<usize> {
-    let begun = [nearest_neighbours(points, &order), order];
-    let tours = begun.map(|order| improved(points, order));
-    let [first, second] = tours;
+    let [first, second] = [nearest_neighbours(points, &order), order].map(|order| improved(points, order));
     if length(points, &first) < length(points, &second) { first } else { second }
 }
 
@@ -39,11 +37,11 @@ fn nearest_neighbours(points: &[[f64; 2]], among: &[usize]) -> Vec<usize> {
 }
 
 fn improved(points: &[[f64; 2]], mut order: Vec<usize>) -> Vec<usize> {
-    let is_new = |gain: f64, total: f64| gain > 1e-12 * total;
-    let total = length(points, &order);
+    // Smaller gains are rounding errors.
+    let least = 1e-12 * length(points, &order);
     for _ in 0..MAX_PASSES {
-        let reversed = reverse_parts(points, &mut order, |gain| is_new(gain, total));
-        let moved = move_points(points, &mut order, |gain| is_new(gain, total));
+        let reversed = reverse_parts(points, &mut order, least);
+        let moved = move_points(points, &mut order, least);
         if !reversed && !moved {
             break;
         }
@@ -51,8 +49,8 @@ fn improved(points: &[[f64; 2]], mut order: Vec<usize>) -> Vec<usize> {
     order
 }
 
-/// Reverses each part whose reversal shortens the tour; true if there was one.
-fn reverse_parts(points: &[[f64; 2]], order: &mut [usize], is_gain: impl Fn(f64) -> bool) -> bool {
+/// Reverses each part whose reversal shortens the tour by more than `least`; true if there was one.
+fn reverse_parts(points: &[[f64; 2]], order: &mut [usize], least: f64) -> bool {
     let n = order.len();
     let mut any = false;
     for i in 0..n.saturating_sub(2) {
@@ -60,7 +58,7 @@ fn reverse_parts(points: &[[f64; 2]], order: &mut [usize], is_gain: impl Fn(f64)
             let (a, b, c, d) = (order[i], order[i + 1], order[j], order[(j + 1) % n]);
             let before = apart(points, a, b) + apart(points, c, d);
             let after = apart(points, a, c) + apart(points, b, d);
-            if a != d && is_gain(before - after) {
+            if a != d && before - after > least {
                 order[i + 1..=j].reverse();
                 any = true;
             }
@@ -69,8 +67,9 @@ fn reverse_parts(points: &[[f64; 2]], order: &mut [usize], is_gain: impl Fn(f64)
     any
 }
 
-/// Moves runs of one to three points between two others where that shortens the tour; true if there was one.
-fn move_points(points: &[[f64; 2]], order: &mut Vec<usize>, is_gain: impl Fn(f64) -> bool) -> bool {
+/// Moves runs of one to three points between two others where that shortens the tour by more than `least`;
+/// true if there was one.
+fn move_points(points: &[[f64; 2]], order: &mut Vec<usize>, least: f64) -> bool {
     let n = order.len();
     let mut any = false;
     for count in 1..=3.min(n.saturating_sub(3)) {
@@ -88,7 +87,7 @@ fn move_points(points: &[[f64; 2]], order: &mut Vec<usize>, is_gain: impl Fn(f64
                 if ahead <= back { (ahead, false) } else { (back, true) }
             };
             let best = (count..n - 1).map(|k| (k, cost(k))).min_by(|a, b| a.1.0.total_cmp(&b.1.0));
-            let Some((at, (_, is_reversed))) = best.filter(|(_, (added, _))| is_gain(freed - added)) else {
+            let Some((at, (_, is_reversed))) = best.filter(|(_, (added, _))| freed - added > least) else {
                 continue;
             };
             let mut run: Vec<usize> = order.drain(..count).collect();
